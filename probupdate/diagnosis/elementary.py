@@ -31,6 +31,7 @@ from probupdate.diagnosis.part_places import (
 )
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.proposals import problem_with_effects
 from probupdate.diagnosis.ranking import Hypothesis, Ranking, hypothesis_of, key_of, log_prior
 from probupdate.diagnosis.search import MARGIN, gains, model_error_dispersion
 from probupdate.diagnosis.small_model import TUNING_STD, Attachment, SmallModel
@@ -285,18 +286,10 @@ def with_parts(
     """Problem and fit with these parts as further effects along these time profiles, none of them there. The last rows
     of the problem's `which` are theirs, those of one part after the other."""
     small = problem.predictor.small.attached([attachment for _, attachment in parts])
-    first, time_profiles = len(problem.effects), [*problem.time_profiles]
-    number = []
-    for profile in profiles:
-        known = next((c for c, one in enumerate(time_profiles) if one is profile), len(time_profiles))
-        time_profiles += [profile] if known == len(time_profiles) else []
-        number.append(known)
-    which = np.array([(first + j, c) for j in range(len(parts)) for c in number])
-    wider = replace(problem, predictor=replace(problem.predictor, small=small), time_profiles=tuple(time_profiles),
-                    effects=(*problem.effects, *(effect for effect, _ in parts)),
-                    which=np.vstack([problem.which, which]))
+    wider = problem_with_effects(replace(problem, predictor=replace(problem.predictor, small=small)),
+                                 [effect for effect, _ in parts], [profiles] * len(parts))
     padded = replace(fitted, theta=np.pad(fitted.theta, (0, len(small.parameters) - len(fitted.theta))))
-    return wider, replace(padded, design=design_with_more(wider, padded, first))
+    return wider, replace(padded, design=design_with_more(wider, padded, len(problem.effects)))
 
 
 def scores_of_parts(
@@ -491,11 +484,7 @@ def _with_own_response(explored: Exploration, rows: tuple[int, ...], numbers: tu
     profiles = explored.problem.time_profiles
     profile = (best.fitted.included[_strongest(best, numbers)].time_profile if numbers else
                next(one for one in profiles if one.kind == "constant"))
-    number = next((c for c, one in enumerate(profiles) if one is profile), len(profiles))
-    which = [(first + k, number) for k in range(len(effects))]
-    problem = replace(explored.problem, effects=(*explored.problem.effects, *effects),
-                      time_profiles=profiles if number < len(profiles) else (*profiles, profile),
-                      which=np.vstack([explored.problem.which, which]))
+    problem = problem_with_effects(explored.problem, effects, [[profile]] * len(effects))
     base = replace(best.fitted, design=design_with_more(problem, best.fitted, first))
     kept = [k for k in range(len(best.candidates)) if k not in numbers]
     gain = sum(n.size for n in (best.fitted.included[k] for k in numbers)

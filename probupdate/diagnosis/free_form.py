@@ -34,6 +34,7 @@ from probupdate.diagnosis.results import Finding
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.diagnosis.small_model import Attachment, SmallModel, TunedMass
 from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
@@ -147,15 +148,18 @@ def _content(outcome: Outcome, placed: Mapping[Hashable, Attachment]) -> dict:
     std = sizes_std(problem, fitted)
     rows = []
     for number, (n, own, found) in enumerate(zip(fitted.included, std, outcome.proposed, strict=True)):
-        step = n.time_profile.kind == "step"
-        rows.append({
-            "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
-            "unit": n.effect.unit + n.time_profile.unit, "time_profile": n.time_profile.name,
-            "since": problem.blocks.ids[n.time_profile.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
-            **place_probabilities(found, placed), "modes": modes_moved(outcome, number), **tuned_frequency(outcome, n),
-        })
+        rows.append(part_row(problem, n.effect, n.time_profile) | {
+            "size": n.size, "size_std": own, **place_probabilities(found, placed),
+            "modes": modes_moved(outcome, number), **tuned_frequency(outcome, n)})
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
             "adequacy_p": outcome.diagnosis.adequacy_p}
+
+
+def part_row(problem: DiagnosisProblem, effect: Effect, profile: TimeProfile) -> dict:
+    """What diagnosis.json says of any part: what and where it is, since when."""
+    return {"cause": effect.cause, "location": effect.location, "unit": effect.unit + profile.unit,
+            "time_profile": profile.name, "since": problem.blocks.ids[profile.at] if profile.kind == "step" else "",
+            "elementary": effect.cause in (*PART_CAUSES, OWN_RESPONSE)}
 
 
 def channel_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
@@ -165,9 +169,7 @@ def channel_response_content(outcome: Outcome, *, seed: int = 1) -> dict:
         raise ValueError("no channel of this outcome has a frequency response of its own")
     problem, fitted = own.problem, with_candidates(own.problem, own.fitted)
     profile = next(n.time_profile for n in fitted.included if n.effect.cause == OWN_RESPONSE)
-    row = {
-        "cause": own.row.cause, "location": own.row.location, "unit": "-", "time_profile": profile.name,
-        "since": problem.blocks.ids[profile.at] if profile.kind == "step" else "", "elementary": True,
+    row = part_row(problem, own.row, profile) | {
         "posterior_probability": min(
             (a.posterior_probability for k in own.numbers for a in outcome.proposed[k].alternatives
              if a.key == own.row.key), default=own.probability),

@@ -464,6 +464,17 @@ class Design:
             result.append(np.where(weight[:, None] > 0, y + noise * scale[:, None], 0.0))
         return tuple(result)
 
+    @cached_property
+    def _drawn(self) -> dict[tuple[int, int], np.ndarray]:
+        return {}
+
+    def drawn(self, seed: int, n: int) -> np.ndarray:
+        """`draw` by this seed, the last one kept."""
+        if (seed, n) not in self._drawn:
+            self._drawn.clear()
+            self._drawn[seed, n] = self.draw(np.random.default_rng([seed, 21]), n)
+        return self._drawn[seed, n]
+
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """u (n, n_candidate) of n records with nothing wrong: unknowns, noise and its scale drawn again."""
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]

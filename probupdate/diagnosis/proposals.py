@@ -266,34 +266,39 @@ def with_crosstalk(
     _, c = problem.which[best]
     known = {e.key for e in problem.effects}
     rows = [e for e in crosstalk_effects(problem.blocks.channels) if e.key not in known]
-    constant = [k for k, time_profile in enumerate(problem.time_profiles) if time_profile.kind == "constant"]
-    time_profiles = np.unique([*constant, c])
-    everything = problem_with_effects(problem, rows, np.tile(time_profiles, (len(rows), 1)))
+    profiles = [one for k, one in enumerate(problem.time_profiles) if one.kind == "constant" or k == c]
+    everything = problem_with_effects(problem, rows, [profiles] * len(rows))
     design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
     u, v = scores_beside(everything, design, fitted.centred, fitted.included, z_included)
     gain, _ = gains(everything, u, np.where(design.share_left > 1e-3, v, 0.0))
     odds = np.log([everything.effects[j].prior_odds(everything.time_profiles[d].name) for j, d in everything.which])
     promise = gain / model_error_dispersion(float(found.statistic.max())) + odds
     of_table = np.where(found.usable, promise[: len(problem.which)], -np.inf)
-    new = promise[len(problem.which):].reshape(len(rows), len(time_profiles))
+    new = promise[len(problem.which):].reshape(len(rows), len(profiles))
     strongest = [k for k in np.argsort(-new.max(axis=1), kind="stable")[:MOST_OFFERED]
                  if new[k].max() > of_table.max() - MARGIN]
     if not len(strongest):
         return problem, fitted, found
     wider = problem_with_effects(problem, [rows[k] for k in strongest],
-                                 time_profiles[np.argmax(new[strongest], axis=1)][:, None])
+                                 [[profiles[int(np.argmax(new[k]))]] for k in strongest])
     fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.included, fitted.design.noise))
     again = search(wider, fitted, seed=seed, z_included=z_included, heavier=found.heavier)
     return wider, fitted, replace(again, threshold=found.threshold, p_value=found.p_value, maxima=found.maxima)
 
 
 def problem_with_effects(
-    problem: DiagnosisProblem, rows: Sequence[Effect], time_profiles: np.ndarray
+    problem: DiagnosisProblem, rows: Sequence[Effect], profiles: Sequence[Sequence[TimeProfile]]
 ) -> DiagnosisProblem:
-    """The problem with these effects as last candidates, each along its time profiles (n_effect, n)."""
-    numbers = len(problem.effects) + np.arange(len(rows))
-    added = np.column_stack([np.repeat(numbers, time_profiles.shape[1]), time_profiles.ravel()])
-    return replace(problem, effects=(*problem.effects, *rows), which=np.vstack([problem.which, added]))
+    """The problem with these effects as last candidates, each along its time profiles, those of one effect after the
+    other."""
+    time_profiles, which = [*problem.time_profiles], []
+    for number, own in enumerate(profiles, start=len(problem.effects)):
+        for profile in own:
+            known = next((c for c, one in enumerate(time_profiles) if one is profile), len(time_profiles))
+            time_profiles += [profile] if known == len(time_profiles) else []
+            which.append((number, known))
+    return replace(problem, effects=(*problem.effects, *rows), time_profiles=tuple(time_profiles),
+                   which=np.vstack([problem.which, which]))
 
 
 # how finely the share of a block is known that a step leaves; by how much -2 ln posterior must be lower for it to be

@@ -72,7 +72,7 @@ class Search:
 
 def search(
     problem: DiagnosisProblem, fitted: Fit, *, seed: int, z_included: Sequence[float] = (),
-    heavier: float | None = None, n_draw: int = N_BOOTSTRAP,
+    heavier: float | None = None,
 ) -> Search:
     """Score every candidate at the fit and calibrate the largest. `z_included`: scores of the fit's effects; `heavier`:
     that of an earlier search of the same record, found again if None."""
@@ -83,7 +83,7 @@ def search(
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
     scale = np.where(usable, std, 0.0)
     can = _possible(problem, scale)
-    maxima = _largest(drawn_scores(design, seed, n_draw), scale, can)
+    maxima = _largest(drawn_scores(design, seed), scale, can)
     heavy = False
     if heavier is None:
         again = maxima_with_own_noise(problem, design, can, usable, seed=seed) if np.any(maxima) else maxima
@@ -106,10 +106,10 @@ def search(
                   maxima=maxima, heavier=heavier, u=u)
 
 
-def drawn_scores(design: Design, seed: int, n_draw: int = N_BOOTSTRAP) -> np.ndarray:
-    """u (n_draw, n_candidate) of the records with nothing wrong that a search of this seed, and what it leaves, is
-    judged by; not kept, as of some searches they are as large as all else."""
-    return design.draw(np.random.default_rng([seed, 21]), n_draw)
+def drawn_scores(design: Design, seed: int) -> np.ndarray:
+    """u (N_BOOTSTRAP, n_candidate) of the records with nothing wrong that a search of this seed, and what it leaves, is
+    judged by; kept with the design, as both ask for them."""
+    return design.drawn(seed, N_BOOTSTRAP)
 
 
 def _largest(drawn: np.ndarray, scale: np.ndarray, can) -> np.ndarray:

@@ -22,6 +22,7 @@ from probupdate.diagnosis.fitting import Fit, first_steps, fitted_without_candid
 from probupdate.diagnosis.free_form import (
     POSSIBLE,
     modes_moved,
+    part_row,
     parts_at_different_places,
     tuned_frequency,
     with_tuned_mass,
@@ -354,11 +355,8 @@ def _content(
     axes = problem.predictor.axes[number]
     computed = modes_with(expected, axes)
     outcome = replace(known, problem=problem, fitted=fitted)
-    step = n.time_profile.kind == "step"
-    row = {
-        "cause": n.effect.cause, "location": where[here], "size": n.size, "size_std": std, "unit": n.effect.unit,
-        "time_profile": n.time_profile.name, "since": problem.blocks.ids[n.time_profile.at] if step else "",
-        "elementary": True,
+    row = part_row(problem, n.effect, n.time_profile) | {
+        "location": where[here], "size": n.size, "size_std": std,
         "posterior_probability": places.pop(here),
         "alternatives": [{"cause": n.effect.cause, "location": where[place], "posterior_probability": p}
                          for place, p in sorted(places.items(), key=lambda pair: -pair[1]) if p > POSSIBLE],

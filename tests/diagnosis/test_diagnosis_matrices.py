@@ -180,7 +180,7 @@ def test_crosstalks_taken_up_after_a_search_take_no_part_in_the_test_of_its_resi
     null = fit(problem, theta)
     found = search(problem, null, seed=1)
     rows = crosstalk_effects(problem.blocks.channels)[:8]
-    wider = problem_with_effects(problem, rows, np.zeros((len(rows), 1), int))
+    wider = problem_with_effects(problem, rows, [problem.time_profiles[:1]] * len(rows))
     design = design_at(wider, null.theta, (), null.design.noise)
     p, parts = adequacy(problem, null, found, drawn_scores(null.design, 1))
     there, its = adequacy(wider, replace(null, design=design), found, drawn_scores(design, 1))
