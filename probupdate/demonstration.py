@@ -210,8 +210,7 @@ def _diagnose(
     model: Path, modes: Path, campaign: Path, out: Path, seed: int, hidden: str, runs: Executor,
     progress: Progress = silent,
 ) -> str:
-    diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, sampler=False, jobs=runs,
-                               progress=progress)
+    diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, jobs=runs, progress=progress)
     diagnosis.write(out)
     return f"{diagnosis.summary}\n{hidden_and_found_words(hidden, diagnosis)}"
 

@@ -19,8 +19,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
         result = probupdate.diagnose(
             a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
             only=a.only, shapes=a.shapes, frequency_std=a.frequency_std, shape_std=a.shape_std, extend=not a.no_extend,
-            sampler=not a.no_sampler, without=a.without, discrepancy=a.discrepancy, jobs=runs,
-            progress=progress)
+            without=a.without, discrepancy=a.discrepancy, jobs=runs, progress=progress)
     answer(a, result, result.write(a.out), verdict=result.verdict)
 
 
@@ -89,10 +88,7 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
                    "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
-    p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
-                   "(40 s for a turbine); the command that samples it is printed instead")
-    add_worker_option(p, "processes for records, hypotheses, updates and the sampler's ensembles (1); the numbers do "
-                      "not depend on it", 1)
+    add_worker_option(p, "processes for records and hypotheses (1); the numbers do not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     add_seed_option(p)
 

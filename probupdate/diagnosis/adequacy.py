@@ -40,11 +40,8 @@ class Residual:
     held: np.ndarray
     held_cov: np.ndarray
 
-    def spread(self, q: int, share: np.ndarray) -> np.ndarray:
-        """Covariance (m, m) of sum_b share_b r_b of group q; share (n_block,)."""
-        return self.spread_between(q, share, q, share) + self.own_noise(q, share)
-
     def own_noise(self, q: int, share: np.ndarray) -> np.ndarray:
+        """Covariance (m, m) of sum_b share_b r_b of group q by its noise and offsets alone; share (n_block,)."""
         weight = self.design.noise.weight[q]
         there = weight > 0
         scale = float(np.sum(share[there] ** 2 / weight[there]))
@@ -95,7 +92,7 @@ class Residual:
         weight = self.design.noise.weight[q]
         there = weight > 0
         value = np.where(there, share, 0.0) @ self.left[q]
-        # the diagonal of `spread`
+        # the diagonal of `spread_between` and `own_noise`
         summed = self._summed_unknowns(q, share)
         own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self._covariances[q])
         variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerance**2

@@ -1,18 +1,17 @@
-"""The model with the findings in it: files to go on with, the estimators run again, and whether they are identified.
+"""The model with the findings in it: files to go on with, and whether the findings are identified.
 
 Structural and environmental findings become parameters of the model's file; so does a group of the parameters of a
 model of matrices. The prior of one that was found by a change within the record is the size found, with its standard
 deviation: no later set shows that change again. One that was there throughout has the catalogue's prior, as the same
 sets give its size. Findings of the measurement are taken out of the modal sets: no sensor table can say "from the tenth
-on". The estimators (the Tikhonov update and the maximum of the posterior, and where it is asked for the sampler) are
-given the mean of the blocks in which all findings act and the nacelle looked one way, with the standard deviations of
-that mean.
+on". What `update` and `sample` are given is the mean of the blocks in which all findings act and the nacelle looked one
+way, with the standard deviations of that mean.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,38 +22,26 @@ from probupdate.diagnosis.blocks import of_model
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
-from probupdate.diagnosis.extension_sampling import not_sampled, sample_extended, sampler_statements, sampling_command
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
 from probupdate.diagnosis.predictor import observe
 from probupdate.diagnosis.prepare import Prepared, places_tried
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.results import Diagnosis
-from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.errors import ConvergenceError, InputError
+from probupdate.diagnosis.wording import WITH_FINDINGS
+from probupdate.errors import InputError
 from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, write_modes
-from probupdate.model.parameters import Parameter
-from probupdate.runtime.executors import SERIAL, Executor
-from probupdate.runtime.progress import Progress, silent
-from probupdate.structure.affine import AffineModel
-from probupdate.structure.extend import EffectParameter, extended_model, write_extended
+from probupdate.structure.extend import EffectParameter, write_extended
 from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
-from probupdate.updating.discrepancy import default_likelihood
-from probupdate.updating.ensemble import SamplerSettings
 from probupdate.updating.identifiability import DIAGNOSED
-from probupdate.updating.problem import build_problem
-from probupdate.updating.runs import find_maximum
-from probupdate.updating.tikhonov import update
 
 # a parameter is identified by the data if its standard deviation falls below this share of its prior's, and if no other
 # goes with it
 IDENTIFIED, TOO_ALIKE = 0.5, 0.95
 # a parameter's way to or from its prior that is worth a word, in prior standard deviations
 NOTABLE = 0.3
-# standard deviations between the size that was found and the one an update of the mean gives, beyond which it is said
-APART = 2.0
 # time profiles by which a size is known without an absolute value
 CHANGES = ("step", "ramp")
 
@@ -70,15 +57,12 @@ class Extension:
 
 def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
-    sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, seed: int = 1,
-    runs: Executor = SERIAL, progress: Progress = silent,
+    parameters_file: str | Path | None = None, seed: int = 1,
 ) -> Extension:
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
-    for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
-    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`
-    (where the model's parameters came from, if from another file) and `seed` are for the command that is given. On the
-    executor `runs` the model as it is and with the findings are updated side by side."""
+    for what the sensors did) and <its stem>.mean.json (the mean to update with). `parameters_file` (where the model's
+    parameters came from, if from another file) and `seed` are for the commands that are given."""
     problem, fitted = outcome.problem, outcome.fitted
     sizes = sizes_std(problem, fitted)
     added = _AddedParameters.of(prepared, fitted, sizes)
@@ -86,44 +70,37 @@ def extend(
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
     out = None if out is None else Path(out)
-    angle = float(mean.environment["nacelle_angle_deg"])
-    progress("updating with the findings", 0, 2)
-    alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],),
-                    gravity=gravity_found(prepared, problem.blocks.channels, ()))
-    (before, _), (after, model) = runs.in_order(
-        _updated_if_possible, [(_AddedParameters(), alone), (added, averaged)], shared=(prepared, angle))
-    progress("updating with the findings", 2, 2)
-    place = None if out is None else out.with_name(f"{out.stem}.posterior.nc")
-    chain = _chain(model, averaged, sampler, place, runs, progress)
-    # after all that takes long
     places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
-    foreign = prepared.description is not None and "model" in places and parameters_file is not None
-    # a command that would sample another problem is none
-    chain["command"] = "" if place is None or unwritten or foreign else sampling_command(
-        places.get("model", prepared.path), places["mean"], place, seed if sampler is None else sampler.seed,
-        parameters=None if "model" in places else parameters_file)
-    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
-    files |= {key: path.name for key, path in places.items()}
-    if model is not None and sampler is not None and place is not None and "refused" not in chain:
-        files["posterior"] = place.name
     content = {
-        "files": files,
+        "files": {key: places[key].name if key in places else None for key in ("model", "modes", "mean")},
         "added": [_added_table(added, n) | {"size_std": std}
                   for n, std in zip(fitted.included, sizes, strict=True)],
         "mean_of_blocks": n_block,
-        "before": before,
-        "after": after,
-        "sampler": chain,
         "joint": finding_precision(problem, fitted),
+        "commands": [],
     }
-    content["statements"] = statements(outcome.diagnosis, content)
+    content["statements"] = statements(outcome.diagnosis, content["joint"])
     if unwritten:
         content["statements"].append(f"no model file was written: {unwritten}")
-    if foreign:
-        content["statements"].append(f"{files['model']} has the parameters of {prepared.path}, not those of "
+    elif prepared.description is not None and "model" in places and parameters_file is not None:
+        # commands that would update another problem are none
+        content["statements"].append(f"{places['model'].name} has the parameters of {prepared.path}, not those of "
                                      f"{parameters_file}, with which the findings were made: put these in before it is "
                                      "used")
-    return Extension(model=files["model"], content=content)
+    elif out is not None:
+        given = {"model": places.get("model", prepared.path), "modes": places["mean"],
+                 "parameters": None if "model" in places else parameters_file}
+        content["commands"] = [_command("update", given | {"out": out.with_name(f"{out.stem}.update.json")}),
+                               _command("sample", given | {"out": out.with_name(f"{out.stem}.posterior.nc"),
+                                                           "seed": seed})]
+        content["statements"].append(f"{WITH_FINDINGS}: {'; '.join(content['commands'])}")
+    return Extension(model=content["files"]["model"], content=content)
+
+
+def _command(verb: str, given: Mapping[str, object]) -> str:
+    """What is typed for a step."""
+    return " ".join([f"probupdate {verb}", *(f"--{name} {shlex.quote(str(value))}" for name, value in given.items()
+                                             if value is not None)])
 
 
 def _written(
@@ -146,30 +123,6 @@ def _written(
         mended = correct_sensors(outcome.problem, data, seen)
         write_modes(replace(mended, gravity=gravity_found(prepared, mended.channels, included)), places["modes"])
     return places, unwritten
-
-
-def _chain(
-    model: AffineModel | None, averaged: ModalData, sampler: SamplerSettings | None, place: Path | None,
-    runs: Executor, progress: Progress,
-) -> dict:
-    """What the sampler says of the mean with the findings in the model, or why it was not run."""
-    if sampler is None:
-        return not_sampled(reason="this was not asked for")
-    if model is None:
-        return not_sampled(refused="the model with them was not updated")
-    return sample_extended(model, averaged, sampler, place, runs, progress)
-
-
-def _updated_if_possible(
-    prepared: Prepared, angle_deg: float, added: _AddedParameters, data: ModalData
-) -> tuple[dict, AffineModel | None]:
-    """What the estimators find with this added to the model, and the model; without it where they refuse, which is a
-    result: the findings stand."""
-    try:
-        model = added.model(prepared, angle_deg)
-        return update_extended(model, data), model
-    except (ConvergenceError, InputError) as error:
-        return {"refused": str(error), "parameters": [], "too_alike": []}, None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,25 +170,6 @@ class _AddedParameters:
             return write_grouped(prepared.path, prepared.prior, [group for _, group in self.groups], out,
                                  channel_rows=self._channel_rows(prepared) if self.moved else None)
         return write_extended(prepared.path, self.effects, out)
-
-    def model(self, prepared: Prepared, angle_deg: float) -> AffineModel:
-        """With the sources of its error, as `update` opens it."""
-        if prepared.description is not None:
-            made = extended_model(prepared.path, self.effects, parameters=prepared.prior, sensors=prepared.sensors,
-                                  nacelle_angle_deg=angle_deg)
-            known = TurbineUncertainty.of(prepared.path, made, prepared.sensors, angle_deg, self.effects)
-            return replace(made, uncertainty=known)
-        if self.groups:
-            # its matrices are those of the file that is written, whether a place for it was given or not
-            with tempfile.TemporaryDirectory() as folder:
-                made = load_model(self.write(prepared, Path(folder) / "extended.toml"))
-        else:
-            made = load_model(prepared.path, parameters=prepared.prior)
-        if self.moved:
-            rows, n = self._channel_rows(prepared), len(made.channels)
-            made = replace(made, channel_matrix=rows[:n],
-                           tilt_matrix=None if made.tilt_matrix is None else rows[n:])
-        return replace(made, uncertainty=SensorUncertainty(model=made))
 
     def _channel_rows(self, prepared: Prepared) -> sparse.csr_array:
         """(n_row, n_dof) the channels' motion and tilt (`AffineModel.rows`) where they were found to be."""
@@ -426,40 +360,13 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
 # What it says -----------------------------------------------------------------------------------------------------
 
 
-def update_extended(model: AffineModel, data: ModalData) -> dict:
-    """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its standard
-    deviations by Laplace's method."""
-    problem = build_problem(model, data, weights=default_likelihood(model, data))
-    anchored = update(problem, penalty="prior")
-    theta = anchored.theta[-1]
-    laplace = find_maximum(problem, [theta, problem.parameters.initial])
-    std = np.sqrt(np.diag(laplace.covariance))
-    return {
-        "misfit": laplace.misfit, "effective_responses": problem.n_effective, "settled": bool(anchored.converged),
-        "parameters": [
-            {"name": p.name, "prior": p.initial, "prior_std": p.std, "deterministic": float(theta[k]),
-             "map": float(laplace.theta[k]), "std": float(std[k]),
-             "prior_shift": standardised_shift(p, float(laplace.theta[k])), "at_bound": bool(laplace.at_bound[k])}
-            for k, p in enumerate(problem.parameters)
-        ],
-        "too_alike": _indistinguishable(problem.parameters.names, laplace.covariance / np.outer(std, std)),
-    }
-
-
-def standardised_shift(p: Parameter, value: float) -> float:
-    """How many standard deviations of its prior a parameter stands from its prior's centre."""
-    if p.prior == "lognormal":
-        return float(np.log(value / p.initial) / p.log_std)
-    return float((value - p.initial) / p.std)
-
-
 def _indistinguishable(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
     return [{"first": names[i], "second": names[j], "correlation": float(correlation[i, j])}
             for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]
 
 
 def finding_precision(problem: DiagnosisProblem, fitted: Fit) -> dict:
-    """The same from the whole record: of each finding its standard deviation over its prior's, and pairs that go
+    """From the whole record, of each finding its standard deviation over its prior's, and pairs of parameters that go
     together."""
     design, n_own = fitted.design, len(problem.updated)
     free = [n for n in fitted.included if not n.effect.discrete]
@@ -476,53 +383,26 @@ def finding_precision(problem: DiagnosisProblem, fitted: Fit) -> dict:
     }
 
 
-def statements(found: Diagnosis, content: dict) -> list[str]:
-    """What the extension shows, in words."""
+def statements(found: Diagnosis, joint: Mapping) -> list[str]:
+    """What the findings do to what the model knows, in words; `joint` as of `finding_precision`."""
     said = []
     if found.verdict == "ambiguous":
         said.append("the verdict is ambiguous: the model is extended with the most probable cause")
-    for row in content["joint"]["findings"]:
+    for row in joint["findings"]:
         kept = "its size is identified" if row["identified"] else "its size is not identified"
         said.append(f"{row['name']}: {kept}, posterior over prior standard deviation "
                     f"{row['share_of_prior_std']:.2f}")
-    for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
+    for pair in joint["too_alike"]:
         said.append(f"{pair['first']} and {pair['second']} are identified only together "
                     f"(correlation {pair['correlation']:.2f})")
-    for side, words in (("before", "as it is"), ("after", "with the findings")):
-        if "refused" in content[side]:
-            refused = f"the model {words} was not updated: {content[side]['refused']}"
-            return [*said, refused, *sampler_statements(content["sampler"], content["after"]["parameters"])]
-    described_by = {p["name"]: p["prior_shift"] for p in content["after"]["parameters"]}
-    before = {p["name"]: p["prior_shift"] for p in content["before"]["parameters"]}
-    size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, described_by)]
-    back = [n for n in before if abs(before[n]) - abs(described_by[n]) > NOTABLE]
-    away = [n for n in before if abs(described_by[n]) - abs(before[n]) > NOTABLE]
+    before, after = ({p["name"]: p[key] for p in found.parameters} for key in ("prior_shift", "prior_shift_after"))
+    size = [np.sqrt(np.mean(np.square([*side.values()]))) for side in (before, after)]
+    back = [n for n in before if abs(before[n]) - abs(after[n]) > NOTABLE]
+    away = [n for n in before if abs(after[n]) - abs(before[n]) > NOTABLE]
     direction = "back towards" if size[1] < size[0] - 0.05 else "away from" if size[1] > size[0] + 0.05 else "neither"
     where = "the other parameters move neither towards nor from their prior" if direction == "neither" else (
         f"the other parameters move {direction} their prior")
     said.append(f"{where}: {size[0]:.2f} prior standard deviations from it before, {size[1]:.2f} after (root mean "
                 "square)"
                 + (f"; back: {', '.join(back)}" if back else "") + (f"; away: {', '.join(away)}" if away else ""))
-    said += size_statements(content["added"], content["after"]["parameters"])
-    return said + sampler_statements(content["sampler"], content["after"]["parameters"])
-
-
-def size_statements(added: Sequence[dict], parameters: Sequence[dict]) -> list[str]:
-    """Where the update of the mean gives a finding another size than the whole record did, or one that was there
-    throughout ends at a bound."""
-    rows, said = {p["name"]: p for p in parameters}, []
-    for one in added:
-        row = rows.get(one.get("parameter"))
-        if one["as"] != "parameter" or row is None or one["time_profile"] not in ("constant", *CHANGES):
-            continue
-        change = one["time_profile"] in CHANGES
-        size = row["map"] - row["prior"] + (one["size"] if change else 0.0)
-        # at a bound it is the bound's, and its standard deviation says nothing of how far off that is
-        bound = row["at_bound"] and not change
-        if bound or abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
-            why = ("the record shows it as a change, the mean after it only as one more share of an absolute value"
-                   if change else "the mean lacks the tolerances that the diagnosis allows for")
-            said.append(f"{row['name']}: found as {one['size']:.4g} +- {one['size_std']:.2g}, but {size:.4g} +- "
-                        f"{row['std']:.2g}{', at a bound,' if bound else ''} by the update of the mean: "
-                        f"{why}; take the found one")
     return said

@@ -8,12 +8,11 @@ was chosen on the whole record, so that a gain is a check, not a second discover
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg
 
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.fitting import Fit, fit
@@ -25,17 +24,12 @@ from probupdate.diagnosis.prediction import (
     covariance_root,
     crps,
     log_density,
-    posterior,
     predict,
     solve_covariance,
     sum_over_blocks,
-    transient,
 )
-from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
-from probupdate.diagnosis.stress_ratio import fatigue_change
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.errors import ConvergenceError
-from probupdate.modal.modes import Sensor
 from probupdate.runtime.executors import SERIAL, Executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -201,57 +195,25 @@ def measures(
     return result
 
 
-def gains(
-    prepared: Prepared, outcome: Outcome, *, runs: Executor = SERIAL, progress: Progress = silent
-) -> tuple[dict, ...]:
-    """Of every finding, added after those before it, what it gains: `measures`, sensors that took no part, how the
-    parameters move (in prior standard deviations) and what it changes of fatigue. On the executor `runs` findings side
+def gains(outcome: Outcome, *, runs: Executor = SERIAL, progress: Progress = silent) -> tuple[dict, ...]:
+    """Of every finding, added after those before it, what it gains (`measures`). On the executor `runs` findings side
     by side."""
     problem = outcome.problem
     fits = stages(problem, outcome.null, outcome.fitted)
     noise = outcome.null.design.noise
-    levels = levels_of(problem.blocks.channels, prepared.sensors)
     progress("held-out blocks", 0, len(fits))
     # what their designs were asked for before is as large as all else
     lean = [None if f is None else replace(f, design=replace(f.design)) for f in fits]
-    errors = runs.in_order(_sensor_errors, [(f,) for f in lean], shared=(problem, noise, levels))
-    progress("held-out blocks", 1, len(fits))
-    steps = list(pairwise(zip(lean, errors, strict=True)))
-    found = runs.in_order(_finding_gain, steps, shared=(prepared, problem, noise, levels))
+    found = runs.in_order(_finding_gain, list(pairwise(lean)), shared=(problem, noise))
     progress("held-out blocks", len(fits), len(fits))
     return tuple(found)
 
 
-def _sensor_errors(
-    problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]], one: Fit | None
-) -> dict[str, tuple[float, float]]:
-    """`predict_held_out_sensors` of a fit, nothing where there is none."""
-    return {} if one is None else predict_held_out_sensors(problem, one, noise, levels)
-
-
-def _finding_gain(
-    prepared: Prepared, problem: DiagnosisProblem, noise: Noise, levels: Mapping[str, Sequence[str]],
-    without: tuple[Fit | None, dict], with_it: tuple[Fit | None, dict],
-) -> dict:
-    """Of one finding, from a fit without it to one with it, each with its errors at sensors that took no part."""
-    (old, before), (new, after) = without, with_it
+def _finding_gain(problem: DiagnosisProblem, noise: Noise, old: Fit | None, new: Fit | None) -> dict:
+    """Of one finding, from a fit without it to one with it."""
     if old is None or new is None:
         return {"statement": "gain not measured: the model with the effects up to this one alone did not converge"}
-    solution = measures(problem, old, new, noise=noise)
-    solution["heldout_sensors"] = [
-        {"level": level, "channels": list(own), "rms_error_before": before[level][0],
-         "rms_error_after": after[level][0], "max_error_before": before[level][1], "max_error_after": after[level][1]}
-        for level, own in levels.items()
-    ]
-    solution["parameter_shifts"] = _shifts(problem, old, new)
-    solution["fatigue"] = fatigue_change(prepared, problem, old, new)
-    return solution
-
-
-def _shifts(problem: DiagnosisProblem, old: Fit, new: Fit) -> dict[str, float]:
-    """By how many standard deviations of its prior each parameter moves."""
-    return {p.name: float((new.theta[k] - old.theta[k]) / local_std(problem.prior, i, old.theta[k]))
-            for i, (p, k) in enumerate(zip(problem.prior, problem.updated, strict=True))}
+    return measures(problem, old, new, noise=noise)
 
 
 def statement(gain: dict) -> str:
@@ -297,79 +259,6 @@ def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dic
         "crps_shape": float(np.mean(by_block["_crps_shape"])),
         **by_block,
     }
-
-
-# Sensors that took no part ------------------------------------------------------------------------------------------
-
-
-def predict_held_out_sensors(
-    problem: DiagnosisProblem, fitted: Fit, noise: Noise, levels: Mapping[str, Sequence[str]], n_fold: int = N_FOLD
-) -> dict[str, tuple[float, float]]:
-    """Motion predicted at each level (name -> its channels) from all other channels, effects' times and kinds known:
-    name -> (root mean square error over modes, channels and single blocks, the largest error of the mean over a
-    fold), in shares of each shape's largest component."""
-    channels = problem.blocks.channels
-    fold = folds(len(problem.blocks), n_fold)
-    result = {}
-    for name, own in levels.items():
-        hidden = np.array([channels.index(c) for c in own])
-        kept = np.setdiff1d(np.arange(len(channels)), hidden)
-        maps = [_known_and_hidden_maps(t, kept, hidden) for t in problem.predictor.axes]
-        design = with_noise(fitted.design, noise)
-        reduced = _map_design(design, [seen for seen, _ in maps])
-        blocks = np.arange(len(problem.blocks))
-        mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
-        solution = np.zeros(design.n_unknown)
-        carried = np.flatnonzero(~transient(design))
-        solution[carried] = mean[carried]
-        single, means = [], []
-        for y, m, (_, out), w in zip(fitted.centred, design.expected(solution), maps, noise.weight, strict=True):
-            error = (y - m) @ out.T
-            single.append(error[w > 0].ravel())
-            for k in range(fold.max() + 1):
-                there = (w > 0) & (fold == k)
-                if there.any():
-                    means.append(np.average(error[there], axis=0, weights=w[there]))
-        flat = np.concatenate(single)
-        result[name] = float(np.sqrt(np.mean(flat**2))), float(max(np.max(np.abs(m)) for m in means))
-    return result
-
-
-def _known_and_hidden_maps(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two maps on the responses of a group with shapes `target` (n_channel, k): what is known without the
-    hidden channels (n_known, n_response), and the hidden channels' error when shapes are aligned by the kept ones
-    (n_hidden 2 k, n_response)."""
-    n_channel, k = target.shape
-    n_log = 1 if k == 1 else 3
-    # of the kept channels only what lies across the group's shapes says anything: size and turn are free
-    across = np.linalg.svd(target[kept])[0][:, k:].T @ np.eye(n_channel)[kept]
-    aligned = np.eye(n_channel)[hidden] - target[hidden] @ np.linalg.pinv(target[kept]) @ np.eye(n_channel)[kept]
-    parts = 2 * k
-    return (linalg.block_diag(np.eye(n_log), *[across] * parts),
-            np.hstack([np.zeros((parts * len(hidden), n_log)), linalg.block_diag(*[aligned] * parts)]))
-
-
-def _map_design(design: Design, maps: Sequence[np.ndarray]) -> Design:
-    """The design of the responses B y."""
-    covariance = [B @ C @ B.T for B, C in zip(maps, design.noise.covariance, strict=True)]
-    noise = replace(design.noise, covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)),
-                    free=())
-    return replace(
-        design, noise=noise, nuisance=tuple(B @ G for B, G in zip(maps, design.nuisance, strict=True)),
-        effect=tuple(B @ E for B, E in zip(maps, design.effect, strict=True)),
-        discrepancy_std=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.discrepancy_std, strict=True)),
-        model_errors=tuple((time_profile, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
-                      for time_profile, spread in design.model_errors),
-    )
-
-
-def levels_of(channels: Sequence[str], sensors: Sequence[Sensor]) -> dict[str, tuple[str, ...]]:
-    """Level -> its channels among the measured ones; without places each channel is its own."""
-    known = {s.channel: s.level for s in sensors}
-    found: dict[str, list[str]] = {}
-    for c in channels:
-        found.setdefault(known.get(c) or c, []).append(c)
-    return {level: tuple(own) for level, own in found.items() if len(channels) - len(own) > 3}
 
 
 def _frequency_errors(residual: np.ndarray) -> np.ndarray:

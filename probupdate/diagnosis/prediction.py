@@ -25,7 +25,7 @@ class Prediction:
     where not measured; std (n_held, n_response) of its prediction; weight (n_held,), zero where not measured.
 
     log_density of all of them together, `squared` their squared distance, of n_number numbers; `uncertain` (n_common,
-    n_common) is Q of the unknowns that are carried; mean (n_unknown,) what predicts.
+    n_common) is Q of the unknowns that are carried.
     """
 
     rows: np.ndarray
@@ -36,31 +36,17 @@ class Prediction:
     squared: float
     n_number: int
     uncertain: np.ndarray
-    mean: np.ndarray
-
-
-def transient(design: Design) -> np.ndarray:
-    """(n_unknown,) bool: offsets and model errors of signatures, not carried from training to prediction."""
-    return np.arange(design.n_unknown) >= design.n_common
-
-
-def posterior(
-    design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` show them."""
-    there = design.taken(blocks)
-    return there.unknowns([y[blocks] for y in centred]), there.unknowns_cov(range(design.n_unknown))
 
 
 def carried_unknowns(
     design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What `blocks` show other blocks of the unknowns: mean, zero of what is `transient`, and covariance Q of how the
-    unknowns differ from it."""
-    mean, Q = posterior(design, centred, blocks)
-    left = transient(design)
-    mean[left] = 0.0
-    Q[np.ix_(left, left)] = np.diag(design.prior_std[left] ** 2)
+    """What `blocks` show other blocks of the unknowns: mean (n_unknown,), and covariance Q (n_unknown, n_unknown) of
+    how the unknowns differ from it. Offsets and model errors of signatures are not carried: their mean is zero."""
+    there, n = design.taken(blocks), design.n_common
+    mean, Q = there.unknowns([y[blocks] for y in centred]), there.unknowns_cov(range(design.n_unknown))
+    mean[n:] = 0.0
+    Q[n:, n:] = np.diag(design.prior_std[n:] ** 2)
     return mean, Q
 
 
@@ -80,7 +66,6 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
         std=tuple(map(frozen_array, _prediction_std(there, root))), weight=tuple(map(frozen_array, weight)),
         log_density=float(shares.sum()), squared=squares, n_number=numbers,
         uncertain=frozen_array(Q[: design.n_common, : design.n_common]),
-        mean=frozen_array(mean),
     )
 
 

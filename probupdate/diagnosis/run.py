@@ -14,7 +14,6 @@ from probupdate.campaign.usable import lacking_notes
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend as extend_model
-from probupdate.diagnosis.extension_sampling import sampler_settings
 from probupdate.diagnosis.free_form import channel_response_content, free_form
 from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.hypotheses import MOST_MOVES
@@ -35,7 +34,6 @@ from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.readings import lacking_words, tilt_length_m
-from probupdate.updating.ensemble import SamplerSettings
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
@@ -96,17 +94,15 @@ def diagnose_files(
     *,
     campaign: Campaign | None = None,
     extend: bool = True,
-    sampler: SamplerSettings | bool = True,
     seed: int = 1,
     out: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Diagnosis:
     """`campaign`: its raw records are tested too, and say where the sensors are if `source` does not. `extend`: measure
-    what each finding gains on held-out blocks, put the findings into model and data, written beside `out`
-    (diagnosis.json's place), and run the estimators again, or where no row explains the record look for elementary
-    parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`). `jobs`: processes, or an
-    executor, for records, hypotheses and updates; the numbers are the same on any."""
+    what each finding gains on held-out blocks and put the findings into model and data, written beside `out`
+    (diagnosis.json's place), or where no row explains the record look for elementary parts that do. `jobs`: processes,
+    or an executor, for records and hypotheses; the numbers are the same on any."""
     sensors = campaign.sensors if source.sensors is None and campaign is not None else source.sensors
     with executor(jobs) as runs:
         # processes import while what they are given is made ready
@@ -120,7 +116,7 @@ def diagnose_files(
                                            progress=progress)
         else:
             prepared = source.prepared(sensors, data, progress)
-            found = _whole(prepared, data=data, seed=seed, extended=extend, sampler=sampler, out=out, runs=runs,
+            found = _whole(prepared, data=data, seed=seed, extended=extend, out=out, runs=runs,
                            parameters_file=source.parameters, progress=progress)
             own = lacking_notes(prepared.small.channels, [campaign]) if campaign is not None else []
             found = replace(found, notes=(*found.notes, *_without_tilt(prepared, data), *own))
@@ -150,8 +146,8 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
 
 
 def _whole(
-    prepared: Prepared, *, data: ModalData, seed: int, extended: bool, sampler: SamplerSettings | bool,
-    parameters_file: str | Path | None, out: str | Path | None, runs: Executor, progress: Progress,
+    prepared: Prepared, *, data: ModalData, seed: int, extended: bool, parameters_file: str | Path | None,
+    out: str | Path | None, runs: Executor, progress: Progress,
 ) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, runs=runs, progress=progress)
@@ -164,7 +160,7 @@ def _whole(
                                       "computed, and the model was not extended"))
     able = able and not few and bool(outcome.fitted.included)
     if able:
-        found = _with_gains(found, gains(prepared, outcome, runs=runs, progress=progress))
+        found = _with_gains(found, gains(outcome, runs=runs, progress=progress))
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few and "free_form" not in details:
         content = _unknown_cause(prepared, outcome, data, seed=seed, runs=runs, progress=progress)
@@ -178,10 +174,7 @@ def _whole(
     if not able:
         return found
     # last, as it writes files: a run that is interrupted leaves those that stand beside an earlier diagnosis
-    if sampler is True:
-        sampler = sampler_settings(seed, turbine=prepared.description is not None)
-    more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
-                        seed=seed, runs=runs, progress=progress)
+    more = extend_model(prepared, outcome, data, out, parameters_file=parameters_file, seed=seed)
     return replace(found, extended_model=more.model, extension=more.content)
 
 

@@ -35,6 +35,8 @@ SURPRISING, LEAST_SHIFT = 1.645, 0.5
 SELDOM = 0.01
 # prior probability from which a finding has no competing hypotheses to speak of
 ALONE = 0.999
+# what stands before the commands that estimate with the findings
+WITH_FINDINGS = "to estimate with the findings"
 # standard deviations from which a mode is said to show what a sensor does to it
 SHOWN = 2.0
 

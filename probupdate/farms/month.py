@@ -243,7 +243,7 @@ def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
     sensors = read_campaign(month.campaign).sensors if asked.records and model.suffix == ".toml" else None
     verbs.diagnose(_prepare_model(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records
                    else None,
-                   seed=seed, out=out, extend=asked.extend, sampler=False).write(out)
+                   seed=seed, out=out, extend=asked.extend).write(out)
 
 
 # the model that the last diagnosis in this process was of, with all effects in it, by what it was made of

@@ -97,9 +97,9 @@ class RunStatus:
         if not self.converged or self.diagnosis == "unexplained":
             steps.append("sample longer, or find the cause")
         elif self.changes:
-            steps.append("name a directory of the state after alone, of what `diagnose` wrote: diagnosis.model.toml as "
-                         "model.toml, diagnosis.posterior.nc as posterior.nc, diagnosis.mean.json as nine.json, and as "
-                         "modes.json, for the damping, diagnosis.modes.json with its .h5")
+            steps.append("name a directory of the state after alone: of what `diagnose` wrote diagnosis.model.toml as "
+                         "model.toml, diagnosis.mean.json as nine.json and, for the damping, diagnosis.modes.json with "
+                         "its .h5 as modes.json; as posterior.nc what the `sample` that it states drew of them")
         if self.faults:
             channels = dict.fromkeys(c for own in self.faults.values() for c in own)
             without = f"leave them out (--without {shlex.join(channels)}), or " if channels else ""

@@ -64,7 +64,7 @@ def diagnosis_section(run: Run) -> Section | None:
             "of its competing hypotheses (hatched), by their evidence."))
     items += _changes(content["details"].get("changes"))
     items += gain_items(content["findings"])
-    items += extension_items(content.get("extension"), sampled=run.included and run.posterior is not None)
+    items += extension_items(content.get("extension"), included=run.included and run.posterior is not None)
     if shown:
         items += _remaining_elements(content, shown)
     items += _prior_shifts(content, shown)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from probupdate.diagnosis import wording
-from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, decimal, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Table, decimal, number, percent
 from probupdate.updating.identifiability import STRONG
 
 
@@ -48,13 +48,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[Element]:
         items.append(Table(caption="Prediction of held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
             Column(name="with it"))))
-    sensors = [(str(k), str(r["level"]), percent(r["rms_error_before"], 2), percent(r["rms_error_after"], 2))
-               for k, _, g in gained for r in g.get("heldout_sensors", ())]
-    if sensors:
-        items.append(Table(caption="Prediction at held-out sensors", rows=tuple(sensors), width="half", columns=(
-            Column(name="finding"), Column(name="level held out", number=False),
-            Column(name="rms error before", unit="% of largest"), Column(name="with it", unit="% of largest"))))
-    return items + _fatigue(gained)
+    return items
 
 
 def _paired_measures(gain: Mapping) -> list[str]:
@@ -76,50 +70,18 @@ def _measure(key: str, value: float) -> str:
     return decimal(value, 4) if key.endswith("mac") else number(value)
 
 
-def _fatigue(gained: Sequence) -> list[Element]:
-    """Stress and damage ratios of the members that matter, where they were computed."""
-    rows, per = [], ""
-    for k, _, gain in gained:
-        table = gain.get("fatigue") or {}
-        per = table.get("per", per)
-        for group, spots in table.items():
-            if isinstance(spots, Mapping):
-                rows += [(str(k), group, name.replace("_", " "), str(s["place"]), decimal(s["stress_ratio"], 2),
-                          *(decimal(s[d], 2) for d in sorted(s) if d.startswith("damage_ratio")))
-                         for name, s in spots.items()]
-    if not rows or len({len(r) for r in rows}) > 1:
-        return []
-    slopes = [d for d in sorted(next(s for _, _, g in gained for spots in (g.get("fatigue") or {}).values()
-                                     if isinstance(spots, Mapping) for s in spots.values()))
-              if d.startswith("damage_ratio")]
-    columns = (Column(name="finding"), Column(name="members", number=False), Column(name="spot", number=False),
-               Column(name="place", number=False), Column(name="stress ratio", unit="-"),
-               *(Column(name=f"damage ratio, {d.rsplit('_', 1)[1].replace('m', 'm = ')}", unit="-") for d in slopes))
-    return [Table(caption="Fatigue with the finding over that without it", columns=columns, rows=tuple(rows),
-                  note=f"Per {per}." if per else "")]
-
-
-def extension_items(table: object, *, sampled: bool = False) -> list[Element]:
-    """The model with the findings in it: what it says first, then what the estimators make of it side by side, then its
-    numbers. `sampled`: the run has a posterior of it, whatever the diagnosis sampled itself."""
+def extension_items(table: object, *, included: bool = False) -> list[Element]:
+    """The model with the findings in it: what it says first, then what became of each finding, then its numbers.
+    `included`: the run has estimates with the findings, so that no command for them is said."""
     if not isinstance(table, Mapping):
         return []
-    if sampled and not (table.get("sampler") or {}).get("asked"):
-        left = [s for s in table.get("statements", ()) if not s.startswith("the posterior with the findings was not")]
-        table = {**table, "statements": left, "sampler": None}
-    said = table.get("statements")
+    said = [s for s in table.get("statements", ()) if not (included and s.startswith(wording.WITH_FINDINGS))]
     title = "The extended model"
     first = [Items(title=title, statements=tuple(map(typeset_with_stop, said)))] if said else []
-    updated, sampler = table.get("after"), table.get("sampler")
-    estimated = _estimators_table(updated, sampler)
-    # what stands in these tables or in the statements need not be listed once more
-    known = {"statements"} | ({"added"} if table.get("added") else set())
-    known |= {"before", "after", "joint", "mean_of_blocks"} if _parameters_by_name(updated) else set()
-    rest = {k: v for k, v in table.items() if k not in known}
-    if estimated and isinstance(sampler, Mapping):
-        rest["sampler"] = {k: v for k, v in sampler.items() if k != "parameters"}
-    return [*first, *_added_parameters(table.get("added")), *_parameter_elements(table), *estimated,
-            *plain_table(title, rest)]
+    # what stands in a table or in the statements need not be listed once more
+    known = {"statements", "commands", "joint"} | ({"added"} if table.get("added") else set())
+    return [*first, *_added_parameters(table.get("added")),
+            *plain_table(title, {k: v for k, v in table.items() if k not in known})]
 
 
 def _added_parameters(added: object) -> list[Element]:
@@ -133,70 +95,6 @@ def _added_parameters(added: object) -> list[Element]:
         Column(name="finding", number=False), Column(name="time profile", number=False),
         Column(name="size with standard deviation"), Column(name="unit", number=False),
         Column(name="included as", number=False)))]
-
-
-def _parameters_by_name(side: object) -> dict[str, Mapping]:
-    return {p["name"]: p for p in side.get("parameters", ())} if isinstance(side, Mapping) else {}
-
-
-def _parameter_elements(table: Mapping) -> list[Element]:
-    """Every parameter in the update of the mean: of the model as it is, and with the findings in it."""
-    before, after = (_parameters_by_name(table.get(side)) for side in ("before", "after"))
-    if not after:
-        return []
-    rows = []
-    for name, p in after.items():
-        old = before.get(name, {})
-        rows.append((name, _value_and_std(p.get("prior"), p.get("prior_std")),
-                     _value_and_std(old.get("map"), old.get("std")), _value_and_std(p["map"], p["std"]),
-                     number(p.get("deterministic")), decimal(old.get("prior_shift"), 2),
-                     decimal(p.get("prior_shift"), 2), "yes" if p.get("at_bound") else "no"))
-    columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="MAP, model as it is"),
-               Column(name="MAP, with the findings"), Column(name="deterministic, with the findings"),
-               Column(name="shift from the prior, as it is", unit="prior std"),
-               Column(name="shift, with the findings", unit="prior std"), Column(name="at a bound", number=False))
-    return [Table(caption="Parameters without and with the findings in the model", columns=columns, rows=tuple(rows),
-                  note=_update_words(table))]
-
-
-def _update_words(table: Mapping) -> str:
-    """How both models fit, and which update did not settle."""
-    sides = [(words, side) for words, side in (("as it is", table.get("before")), ("with the findings", table["after"]))
-             if isinstance(side, Mapping)]
-    misfit = " and ".join(f"{number(side['misfit'])} ({words})" for words, side in sides if "misfit" in side)
-    responses, n_set = table["after"].get("effective_responses"), table.get("mean_of_blocks")
-    said = [f"Misfit {misfit}" + (f" of {responses} effective responses" if responses is not None else "")
-            + (f", for the mean of {n_set} sets" if n_set else "") + "."] if misfit else []
-    said += [f"The deterministic update of the model {words} did not converge." for words, side in sides
-             if side.get("settled") is False]
-    return " ".join(said)
-
-
-def _estimators_table(updated: object, sampler: object) -> list[Element]:
-    """Deterministic update, maximum with Laplace's standard deviations and emcee of every parameter; nothing without a
-    chain."""
-    if not (isinstance(updated, Mapping) and isinstance(sampler, Mapping) and sampler.get("parameters")):
-        return []
-    drawn = {p["name"]: p for p in sampler["parameters"]}
-    rows = []
-    for p in updated.get("parameters", ()):
-        d = drawn.get(p["name"], {})
-        rows.append((p["name"], _value_and_std(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
-                     _value_and_std(p["map"], p["std"]), _value_and_std(d.get("mean"), d.get("std")),
-                     *(number(d.get(q)) for q in ("q05", "q50", "q95")), decimal(d.get("r_hat"), 3),
-                     decimal(d.get("effective_draws"), 0)))
-    columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
-               Column(name="MAP with Laplace's standard deviation"), Column(name="emcee, mean with standard deviation"),
-               Column(name="5 %"), Column(name="50 %"), Column(name="95 %"), Column(name="R-hat", unit="-"),
-               Column(name="effective draws"))
-    how = (f"{sampler['draws']} draws, acceptance {decimal(sampler['acceptance'], 2)}; asked for "
-           f"{sampler['effective_draws_asked']} effective draws in at most {sampler['steps_at_most']} steps. ")
-    items: list[Element] = [Table(caption="The estimators with the findings in the model", columns=columns,
-                                 rows=tuple(rows), note=typeset(how + sampler["verdict"]))]
-    if not sampler["converged"]:
-        items.append(Notice(level="warning", text="The chain has not converged: its means and intervals are "
-                            "provisional."))
-    return items
 
 
 def _value_and_std(value: float | None, std: float | None) -> str:

@@ -131,13 +131,6 @@ def evaluations(posterior: Posterior) -> tuple[int, int]:
     return int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
 
 
-def _parameters_at_bounds(extension: Mapping) -> list[str]:
-    """Parameters that findings became, of which the update of the mean says nothing but where its bound is."""
-    added = {one.get("parameter") for one in extension.get("added", ()) if one.get("as") == "parameter"}
-    after = extension.get("after", {}).get("parameters", ())
-    return [p["name"] for p in after if p.get("at_bound") and p["name"] in added]
-
-
 def _diagnosis_findings(run: Run) -> list[Finding]:
     content = run.diagnosis
     if content is None or content["verdict"] == "none" or (run.included and content["verdict"] == "named"):
@@ -204,11 +197,9 @@ def checks(content: Mapping) -> list[str]:
 def extension_advice(content: Mapping, start: str = "Update again") -> list[str]:
     if not content.get("extended_model"):
         return []
-    held = ", ".join(_parameters_at_bounds(content.get("extension") or {}))
-    but = f"; take the size found of {held}, which the update of the mean leaves at a bound" if held else ""
     mean = ((content.get("extension") or {}).get("files") or {}).get("mean")
     of = f", and the modes that belong to it, {mean}" if mean else ""
-    return [f"{start} with {content['extended_model']}, which has the findings in it{of}{but}."]
+    return [f"{start} with {content['extended_model']}, which has the findings in it{of}."]
 
 
 def _shift_findings(run: Run) -> list[Finding]:

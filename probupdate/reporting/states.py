@@ -4,6 +4,7 @@ state."""
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -19,8 +20,8 @@ from probupdate.updating.joint_set import states_words
 from probupdate.updating.update_file import STEP
 
 # which of a run's values of a parameter to quote
-USE_THIS = ("Of the values that this run has of a parameter, quote this table's; the others (MAP, Eq. 7, single sets, "
-            "the diagnosis's extension) are there to check them.")
+USE_THIS = ("Of the values that this run has of a parameter, quote this table's; the others (MAP, Eq. 7, single "
+            "sets) are there to check them.")
 # half of a 90 % interval in standard deviations
 NINETY = 1.645
 
@@ -102,10 +103,9 @@ def _onsets(changes: Sequence[Mapping]) -> list[str]:
 
 
 def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
-    """The model's own parameters in every state, with 90 % intervals in the first, by the diagnosis's fit, and in the
-    last, by the update of its mean; below them what changed beside these."""
+    """The model's own parameters in every state, with 90 % intervals in the first and the last, by the
+    diagnosis's fit; below them what changed beside these."""
     states = state_names(changes)
-    last = {p["name"]: p for p in ((content.get("extension") or {}).get("after") or {}).get("parameters", ())}
     rows = []
     for p in content["parameters"]:
         value, std = (p.get(f"{key}_after", p.get(key)) for key in ("value", "std"))
@@ -114,7 +114,8 @@ def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
         own = [f for f in changes if f["cause"] == OWN_PARAMETER and f["location"] == p["name"]]
         values = value + _changes_by_state(own, _onsets(changes), len(states))
         moves = abs(values[-1] - value) > 0
-        end = last.get(p["name"], {}).get("std")
+        # of the value before and of what it changed by, which the same sets hold against one another
+        end = None if std is None else math.hypot(std, *(f.get("size_std") or 0.0 for f in own))
         cells = [_with_interval(values[0], std), *(number(v) for v in values[1:-1]),
                  _with_interval(values[-1], end) if moves else "the same"]
         prior = f"{number(p['prior'])} ± {number(p['prior_std'])}"
@@ -131,8 +132,8 @@ def state_table(content: Mapping, changes: Sequence[Mapping]) -> Table:
         caption="Parameters in each state, by the diagnosis", rows=tuple(rows),
         columns=(Column(name="parameter", unit="[unit]", number=False), Column(name="prior ± standard deviation"),
                  *(Column(name=name) for name in states), Column(name="change", unit="%")),
-        note="In brackets 90 % intervals: before the change by the fit to all sets, after it by the update of the sets "
-             f"from then on. {USE_THIS}")
+        note="In brackets 90 % intervals by the fit to all sets, after the change those of the value before and of the "
+             f"change together. {USE_THIS}")
 
 
 def _changes_by_state(changes: Sequence[Mapping], onsets: Sequence[str], n_state: int) -> np.ndarray:

@@ -18,11 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.extension import extend, update_extended
+from probupdate.diagnosis.extension import extend
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modal.modes import read_modes, write_modes
 from probupdate.structure.load import load_model, nacelle_angle_deg, reference_model
+from probupdate.updating.discrepancy import default_likelihood
+from probupdate.updating.problem import build_problem
+from probupdate.updating.runs import find_maximum
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
@@ -50,14 +53,24 @@ def share_of_scatter(run, plain) -> list[float]:
     return (moved / own).tolist()
 
 
+def updated(path: Path, mean: Path) -> dict:
+    """Of every parameter the most probable value for the mean of the blocks, in prior standard deviations from the
+    prior's centre."""
+    data = read_modes(mean)
+    model = load_model(path, nacelle_angle_deg=nacelle_angle_deg(data.sets[0].environment, mean.name))
+    problem = build_problem(model, data, weights=default_likelihood(model, data))
+    theta = find_maximum(problem, [problem.parameters.initial]).theta
+    return {"parameters": [{"name": p.name, "prior": p.initial, "prior_std": p.std,
+                            "prior_shift": float((value - p.initial) / p.std)}
+                           for p, value in zip(problem.parameters, theta, strict=True)]}
+
+
 def with_shear(out: Path) -> dict:
     """The update with the findings once more, of a model whose members give way in shear as the structure's do."""
     text = (out / "diagnosis.model.toml").read_text(encoding="utf-8")
     path = out / "shear.model.toml"
     path.write_text(text.replace('theory = "bernoulli-euler"', 'theory = "timoshenko"'), encoding="utf-8")
-    mean = read_modes(out / "diagnosis.mean.json")
-    angle = nacelle_angle_deg(mean.sets[0].environment, "diagnosis.mean.json")
-    return update_extended(load_model(path, nacelle_angle_deg=angle), mean)
+    return updated(path, out / "diagnosis.mean.json")
 
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
@@ -92,11 +105,11 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     plt.close(figure)
 
 
-def draw_gain(causes: list[str], gains_of: list[dict], shifted: dict[str, list[float]], path: Path) -> None:
-    """How far parameters moved from their prior, and how well a level's motion is predicted without its sensors."""
+def draw_shifts(shifted: dict[str, list[float]], path: Path) -> None:
+    """How far parameters moved from their prior."""
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    figure, left = plt.subplots(figsize=(4.8, 3.6), layout="constrained")
     place = np.arange(len(shifted))
     sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and flexible in shear"))
     thick = 0.8 / len(sides)
@@ -109,16 +122,6 @@ def draw_gain(causes: list[str], gains_of: list[dict], shifted: dict[str, list[f
     left.axvline(0, color="0.4", lw=0.8)
     left.set_xlabel("shift from the prior's centre, prior standard deviations")
     left.legend(fontsize=8)
-    levels = [s["level"] for s in gains_of[0]["heldout_sensors"]]
-    steps = [[s["rms_error_before"] for s in gains_of[0]["heldout_sensors"]],
-             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in gains_of]]
-    words = ["plain update", *(f"+ {cause}" for cause in causes)]
-    width = 0.8 / len(steps)
-    for k, (values, word) in enumerate(zip(steps, words, strict=True)):
-        right.bar(np.arange(len(levels)) + k * width, 100 * np.array(values), width, label=word)
-    right.set_xticks(np.arange(len(levels)) + 0.4 - width / 2, levels, fontsize=8)
-    right.set_ylabel("error of motion predicted without\nthe level's sensors, % of largest")
-    right.legend(fontsize=8)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -138,13 +141,15 @@ def main() -> None:
     outcome = examine(prepared, run.data, seed=a.seed)
     spent = time.process_time() - begun
     # what was taken in is followed to its gain even where something remains and the verdict is "unexplained"
-    gains_of = list(gains(prepared, outcome))
+    gains_of = list(gains(outcome))
     more = extend(prepared, outcome, run.data, a.out / "diagnosis.json")
     found = outcome.diagnosis
     findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, gains_of, strict=False))
     found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
-    updates = [more.content["before"], more.content["after"], with_shear(a.out)]
+    mean = a.out / "diagnosis.mean.json"
+    updates = [updated(reference_model("updated"), mean), updated(a.out / "diagnosis.model.toml", mean),
+               with_shear(a.out)]
     truth = {k: float(v) for k, v in run.truth.parameters.items()}
     taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.included]
     story = {
@@ -159,7 +164,7 @@ def main() -> None:
     }
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
-    draw_gain([cause for cause, _ in taken], gains_of, pushes(updates, truth), a.out / "gain.png")
+    draw_shifts(pushes(updates, truth), a.out / "shifts.png")
     print(found.summary)
 
 

@@ -133,7 +133,7 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "sets": ["sets", *problem, "--out", f"{o}/sets.json"],
         "template": ["template", "matrices", f"{o}/template"],
         "inform": ["inform", *problem, "--out", f"{o}/information.json"],
-        "diagnose": ["diagnose", *problem, "--no-extend", "--no-sampler", "--out", f"{o}/diagnosis.json"],
+        "diagnose": ["diagnose", *problem, "--no-extend", "--out", f"{o}/diagnosis.json"],
         "figures": ["figures", f"{i}/identified/modes.json", "--out", f"{o}/figures"],
         "export": ["export", f"{i}/run", "--to", "lifetime", f"{o}/lifetime", "--draws", "5", "--accept"],
         "farm": ["farm", f"{i}/farm/farm.toml", "--out", f"{o}/farm"],

@@ -60,7 +60,7 @@ def run_one(record: Record, folder: Path, raw: bool = False, extend: bool = Fals
         prepared, data = prepare(path, groups=groups, sensors=record.world.sensors), record.data
         if campaign is not None:
             data = probupdate.identify(campaign, path, lowest=record.world.n_mode).data
-        found = probupdate.diagnose(prepared, data, extend=extend, sampler=False, seed=record.number)
+        found = probupdate.diagnose(prepared, data, extend=extend, seed=record.number)
     except Exception as error:
         return line | {"judged": "error", "error": f"{type(error).__name__}: {error}",
                        "trace": traceback.format_exc(), "cpu_s": round(time.process_time() - begun, 2)}

@@ -21,7 +21,7 @@ import json, resource, sys, time
 from pathlib import Path
 from probupdate.verbs import diagnose
 run = Path(sys.argv[1])
-found = diagnose(run / "model.toml", run / "modes.json", campaign=run / "campaign", sampler=False,
+found = diagnose(run / "model.toml", run / "modes.json", campaign=run / "campaign",
                  extend=len(sys.argv) > 2, out=run / "benchmark_beside.json")
 print(json.dumps({"cpu_s": time.process_time(), "mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
                   "verdict": found.verdict, "findings": [f"{f.cause}, {f.location}" for f in found.findings]}))

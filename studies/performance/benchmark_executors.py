@@ -32,7 +32,7 @@ def identified(run: Path, folder: Path, runs: Executor) -> bytes:
 def diagnosed(run: Path, folder: Path, runs: Executor) -> bytes:
     out = folder / "diagnosis.json"
     found = verbs.diagnose(run / "model.toml", run / "modes.json", campaign=run / "campaign", seed=1, out=out,
-                           sampler=False, jobs=runs)
+                           jobs=runs)
     found.write(out)
     # the command that is said names the folder
     return out.read_bytes().replace(str(folder).encode(), b"")

@@ -32,7 +32,7 @@ def main() -> None:
         # the last call of a step comes when it has ended
         peaks[what] = largest()
 
-    found = diagnose(run / "model.toml", run / "modes.json", campaign=run / "campaign", sampler=False,
+    found = diagnose(run / "model.toml", run / "modes.json", campaign=run / "campaign",
                      out=run / "benchmark_memory.json", progress=progress)
     peaks["all"] = largest()
     lines = "\n".join(f"| {what} | {megabytes} |" for what, megabytes in peaks.items())

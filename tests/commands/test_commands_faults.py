@@ -113,7 +113,7 @@ def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):
 
 
 def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path):
-    """Stopped when its model with the findings is sampled: files of an earlier diagnosis stay as they are."""
+    """Stopped when its findings are put into the sets: files of an earlier diagnosis stay as they are."""
     paths, out = write_building(tmp_path), tmp_path / "out"
     table = modes_table(12)
     for k, one in enumerate(table["sets"]):
@@ -125,10 +125,10 @@ def test_a_diagnosis_that_is_stopped_keeps_nothing_and_says_so(tmp_path):
     for name in ("diagnosis.json", "diagnosis.mean.json", "diagnosis.modes.json"):
         (out / name).write_text("{}")
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    code = ("import os, signal, sys\nfrom probupdate.diagnosis import extension\nstage = extension.sample_extended\n"
+    code = ("import os, signal, sys\nfrom probupdate.diagnosis import extension\nstage = extension.mean_set\n"
             "def stopped(*given):\n"
             "    os.kill(os.getpid(), signal.SIGTERM)\n    return stage(*given)\n"
-            "extension.sample_extended = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
+            "extension.mean_set = stopped\nfrom probupdate.__main__ import main\nsys.exit(main())")
     ended = subprocess.run(
         [sys.executable, "-c", code, "diagnose", "--model", paths["model"], "--parameters", paths["parameters"],
          "--modes", paths["modes"], "--out", str(out / "diagnosis.json")], capture_output=True, text=True)

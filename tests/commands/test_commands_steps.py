@@ -40,7 +40,7 @@ OPTIONS = {
     "demo": {"--seed"}, "simulate": {"--model", "--days", "--truth", "--seed"}, "check": {"--model"},
     "identify": {"--model", "--out"}, "select": {"--scada", "--out"}, "update": {"--model", "--modes", "--out"},
     "sample": {"--model", "--modes", "--out", "--seed"}, "compare": {"--out", "--model"}, "report": {"--out"},
-    "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed",
+    "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--out", "--seed",
                  "--without"},
 }
 
@@ -64,8 +64,8 @@ def test_a_model_file_that_is_no_text_is_one_line(tmp_path):
         probupdate.update(tmp_path / "model.toml", tmp_path / "modes.json")
 
 
-@pytest.mark.parametrize(("typed", "sampler"), [([], True), (["--no-sampler"], False)])
-def test_diagnose_samples_unless_it_is_told_not_to(typed, sampler, monkeypatch, tmp_path):
+@pytest.mark.parametrize(("typed", "extended"), [([], True), (["--no-extend"], False)])
+def test_diagnose_extends_the_model_unless_it_is_told_not_to(typed, extended, monkeypatch, tmp_path):
     given = {}
 
     def diagnose(model, modes, **options):
@@ -74,7 +74,7 @@ def test_diagnose_samples_unless_it_is_told_not_to(typed, sampler, monkeypatch, 
 
     monkeypatch.setattr(probupdate, "diagnose", diagnose)
     assert main(["diagnose", "--modes", "modes.json", "--out", str(tmp_path / "d.json"), "--seed", "4", *typed]) == 2
-    assert given["sampler"] is sampler and given["extend"] is True and given["seed"] == 4
+    assert given["extend"] is extended and given["seed"] == 4
 
 
 def test_import_stays_light():

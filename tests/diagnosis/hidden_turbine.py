@@ -11,7 +11,7 @@ STEP = {"time_profile": "step", "at_hour": 360.0}
 def found_in(turbine, seed, *effects, extend=False):
     """extend: with the gain and both estimators on the extended model, which take as long as the diagnosis."""
     run = simulate_modes(truth={"parameters_from": "prior", "effect": list(effects)}, seed=seed, days=30.0, n_block=48)
-    return probupdate.diagnose(turbine, run.data, seed=1, extend=extend, sampler=False)
+    return probupdate.diagnose(turbine, run.data, seed=1, extend=extend)
 
 
 def names(finding):

@@ -65,8 +65,7 @@ def test_a_stated_error_of_the_model_is_no_alarm_and_hides_no_change(frame_file,
 
 def test_an_unexplained_record_says_what_a_larger_error_would_leave(frame_file, scattered):
     """The least of those tried that explains it, what is found beside it, and what is risked."""
-    found = probupdate.diagnose(frame_file, scattered(4, LOSS), parameters=frame_file.with_name("model.toml"),
-                                sampler=False)
+    found = probupdate.diagnose(frame_file, scattered(4, LOSS), parameters=frame_file.with_name("model.toml"))
     (said,) = [n for n in found.notes if "known no better" in n]
     assert found.verdict == "unexplained"
     assert said.startswith("if the model were known no better than 0.6 % of a frequency and 2 % of a shape's largest "

@@ -37,7 +37,7 @@ def files_of(folder, two_effects, jobs) -> dict[str, bytes]:
     """What a diagnosis writes, without the folder's name, which the command that is said holds."""
     prepared, data = two_effects
     folder.mkdir()
-    found = verbs.diagnose(prepared, data, seed=1, out=folder / "diagnosis.json", sampler=False, jobs=jobs)
+    found = verbs.diagnose(prepared, data, seed=1, out=folder / "diagnosis.json", jobs=jobs)
     found.write(folder / "diagnosis.json")
     return {path.name: path.read_bytes().replace(str(folder).encode(), b"") for path in folder.iterdir()
             if path.suffix == ".json"}

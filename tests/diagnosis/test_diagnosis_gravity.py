@@ -56,7 +56,7 @@ def record(beam, *, feel, stated, seed=1, n_set=40):
 def test_a_wrong_statement_is_found_and_a_right_one_is_none(beam, feel, stated):
     # discrepancy: a beam whose model is this one misses nothing
     found = probupdate.diagnose(replace(beam, discrepancy=3e-4), record(beam, feel=feel, stated=stated), seed=1,
-                                extend=False, sampler=False)
+                                extend=False)
     if feel == stated:
         assert found.verdict == "none", found.findings
         return

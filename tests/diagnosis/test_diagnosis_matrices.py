@@ -328,7 +328,7 @@ def test_a_gain_that_is_grossly_wrong_is_named_and_not_taken_for_a_reversed_chan
     row = validation(what="five gains wrong by 0.1 to 9.81 in a frame: verdict, cause, channel; size in its standard "
                           "deviations, its relative standard deviation; ratio of standard deviations",
                      reference="what was hidden", why="a tenth of a signature is not known")
-    found = probupdate.diagnose(prepared, record(7, gain=(channel, factor)), sampler=False)
+    found = probupdate.diagnose(prepared, record(7, gain=(channel, factor)))
     (one,) = found.findings
     row.equal((found.verdict, one.cause, one.location), ("named", "sensor gain", channel), "name")
     row.error((one.size - (factor - 1)) / one.size_std, 3, "size")

@@ -75,7 +75,7 @@ def test_a_month_s_diagnosis_is_that_of_the_command(described, undisturbed, tmp_
     """Though the model with its effects is made once for all months."""
     out = tmp_path / "diagnosis.json"
     modes = undisturbed[0] / "B" / "2024-06" / "modes.json"
-    probupdate.diagnose(described.parent / "model.npz", modes, seed=1, out=out, extend=False, sampler=False).write(out)
+    probupdate.diagnose(described.parent / "model.npz", modes, seed=1, out=out, extend=False).write(out)
     assert out.read_bytes() == (modes.parent / "diagnosis.json").read_bytes()
 
 
