@@ -467,8 +467,17 @@ def channel_responses(explored: Exploration) -> list[OwnResponse]:
 
 def channel_response_of_one(explored: Exploration, runs: Executor) -> OwnResponse | None:
     """Of all channels the one whose own response throughout the record is most probable beside the most probable
-    hypothesis, and more so than that alone; None where none is."""
-    tasks = [((k,), ()) for k in range(len(explored.problem.blocks.channels))]
+    hypothesis, and more so than that alone; None where none is. Of those that promise most to first order, FITTED."""
+    problem, fitted = explored.problem, explored.hypotheses[0].fitted
+    factors = [mode_factor_effects(problem, (k,)) for k in range(len(problem.blocks.channels))]
+    constant = next(one for one in problem.time_profiles if one.kind == "constant")
+    effects = [effect for own in factors for effect in own]
+    wider = problem_with_effects(problem, effects, [[constant]] * len(effects))
+    asked = {"which": wider.which[len(problem.which):]}
+    design = replace(design_with_more(wider, fitted, len(problem.effects)), **asked)
+    gain, _ = gains(replace(wider, **asked), design.scores(fitted.centred), design.information)
+    promise = np.maximum(gain, 0.0).reshape(len(factors), -1).sum(axis=1)
+    tasks = [((int(k),), ()) for k in np.argsort(-promise, kind="stable")[:FITTED]]
     found = [one for one in runs.in_order(_with_own_response, tasks, shared=(explored,)) if one is not None]
     weight = np.array([one.log_evidence + one.log_prior for one in found])
     if not len(weight) or weight.max() <= 0:
