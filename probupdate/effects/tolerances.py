@@ -154,17 +154,14 @@ class TurbineUncertainty:
     sensors: tuple[Sensor, ...]
     nacelle_angle_deg: float
     description: Description = field(repr=False)
-    added: tuple[EffectParameter, ...] = ()
 
     @classmethod
-    def of(
-        cls, path: Path, model: Model, sensors, nacelle_angle_deg: float, added: Sequence[EffectParameter] = ()
-    ) -> TurbineUncertainty:
-        """Of a model that was loaded from `path`, and extended by the effects `added`."""
+    def of(cls, path: Path, model: Model, sensors, nacelle_angle_deg: float) -> TurbineUncertainty:
+        """Of a model that was loaded from `path`."""
         description = read_description(path)
         placed = sensors if sensors is not None else described_sensors(description)
         return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
-                   description=description, added=tuple(added))
+                   description=description)
 
     @cached_property
     def tolerances(self) -> tuple[Tolerance, ...]:
@@ -176,9 +173,8 @@ class TurbineUncertainty:
     @cached_property
     def extended(self) -> AffineModel:
         """The model with a parameter for every tolerance."""
-        names = {e.name for e in self.added}
-        base = Parameters(tuple(p for p in self.parameters if p.name not in names), held=self.parameters.held)
-        return extended_model(self.path, [*self.added, *(r.effect for r in self.tolerances)], parameters=base,
+        base = Parameters(tuple(self.parameters), held=self.parameters.held)
+        return extended_model(self.path, [r.effect for r in self.tolerances], parameters=base,
                               sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)
 
     @cached_property
