@@ -253,7 +253,7 @@ def problem_with_effects(
             time_profiles += [profile] if known == len(time_profiles) else []
             which.append((number, known))
     return replace(problem, effects=(*problem.effects, *rows), time_profiles=tuple(time_profiles),
-                   which=np.vstack([problem.which, which]))
+                   which=np.vstack([problem.which, np.reshape(which, (-1, 2)).astype(int)]))
 
 
 # how finely the share of a block is known that a step leaves; by how much -2 ln posterior must be lower for it to be
