@@ -82,7 +82,7 @@ class ChosenPoles:
     kurtosis: np.ndarray
     by_likelihood: np.ndarray
     keys: dict[tuple[int, int], int]
-    rows: dict[str, np.ndarray]
+    rows: np.ndarray
 
     @property
     def key_of(self) -> dict[int, tuple[int, int]]:
@@ -191,10 +191,12 @@ def _pick_poles(
     }
     if hand is not None:
         rows["reason"] = hand.reasons(start, poles)
-    # of a year's blocks no more than is written
-    rows = {name: value[shown] for name, value in rows.items()}
-    choice = replace(choice, criterion=rows["criterion"])
-    return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys, rows=rows,
+    # of a year's blocks no more than is written, as one array each
+    table = np.empty(np.count_nonzero(shown), [(name, value.dtype) for name, value in rows.items()])
+    for name, value in rows.items():
+        table[name] = value[shown]
+    choice = replace(choice, criterion=table["criterion"])
+    return ChosenPoles(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys, rows=table,
                        kurtosis=np.full(n_mode, np.nan), by_likelihood=np.zeros(n_mode, bool))
 
 
@@ -300,13 +302,13 @@ def modal_set(one: StoredBlock, stands: ChosenPoles | None, reference: Reference
 
 
 def pole_table(
-    usable: Sequence[StoredBlock], rows: Sequence[Mapping[str, np.ndarray]], names: tuple[str, ...],
+    usable: Sequence[StoredBlock], rows: Sequence[np.ndarray], names: tuple[str, ...],
     model: ReferenceModes | None,
 ) -> pd.DataFrame:
     """Poles of the chosen order and those that stand for modes, of every block."""
     columns: dict[str, object] = {
         "time": pd.DatetimeIndex([one.block.start for one in usable]).repeat([len(r["order"]) for r in rows])}
-    for name in rows[0]:
+    for name in rows[0].dtype.names or ():
         columns[name] = np.concatenate([r[name] for r in rows])
     known = np.array(names if model is None else model.labels, dtype=object)
     stands, mode = np.array(names, dtype=object), np.asarray(columns["mode"])

@@ -284,6 +284,8 @@ def classify_blocks(
         picked |= without_uncertain(blocks, first, settings.classifier, jobs, progress)
         picked = {start: averaged_over_orders(blocks, start, stands) for start, stands in picked.items()}
         followed = replace(followed, choices=tuple(picked[one.block.start].choice for one in usable))
+    # what its poles were before they were averaged
+    del first
     sets = [modal_set(one, picked.get(one.block.start), physical.modes) for one in found]
     named = name_modes(sets, physical, reference, others, campaign, settings=settings.classifier,
                        highest_hz=passed_hz(campaign, settings), every=every)
