@@ -9,6 +9,7 @@ Every part of the fit is a regression, draws follow one after another, and the d
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -87,15 +88,24 @@ class _Columns:
     knots: np.ndarray
     centre: np.ndarray
 
+    @cached_property
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.triu_indices(len(self.knots))
+
+    @cached_property
+    def _width(self) -> np.ndarray:
+        return 6 * np.diff(self.knots[:, :2], axis=1)
+
     def raw(self, before: np.ndarray) -> np.ndarray:
         x = np.clip(before, -FARTHEST, FARTHEST)
-        n, k = x.shape
+        beyond = np.maximum(x[:, :, None] - self.knots, 0.0)
+        # a power of three is three times as slow
+        cubes = beyond**2
+        cubes *= beyond
         # each has the second derivative of a roof over three knots
-        cubes = np.maximum(x[:, :, None] - self.knots, 0.0) ** 3
-        width = 6 * np.diff(self.knots[:, :2], axis=1)
-        splines = (cubes[:, :, :-2] - 2 * cubes[:, :, 1:-1] + cubes[:, :, 2:]) / width
-        i, j = np.triu_indices(k)
-        return np.concatenate([x, splines.reshape(n, -1), x[:, i] * x[:, j]], axis=1)
+        splines = np.diff(cubes, n=2, axis=2) / self._width
+        i, j = self._pairs
+        return np.concatenate([x, splines.reshape(len(x), -1), x[:, i] * x[:, j]], axis=1)
 
     def __call__(self, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         columns = np.concatenate([np.ones((len(before), 1)), self.raw(before) - self.centre], axis=1)
