@@ -118,6 +118,7 @@ def check_laplace(
     top = laplace.theta[None]
     log_evidence = laplace.log_posterior - float(approximation.log_density(top)[0])
     log_evidence += log_prior_constant(problem.parameters)[0]
+    log_evidence += 0.0 if problem.images is None else problem.images.log_number
     return LaplaceCheck(pareto_k=pareto_shape(weight), share=share, log_evidence=log_evidence)
 
 

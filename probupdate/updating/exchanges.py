@@ -8,17 +8,15 @@ from itertools import combinations
 
 import numpy as np
 
-from probupdate.updating.importance import WeightedDraws
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.images import Images
+from probupdate.updating.laplace import Laplace, is_same_maximum
 from probupdate.updating.problem import Problem
 
 # responses that change by less, in standard deviations, are the same
 SWAPPED = 1e-4
 # pairs of exchanges that are tried at once, and orders of parameters that are counted, at most
 MOST_EXCHANGES, MOST_ORDERS = 2000, 50_000
-# orders compared with the draws at once, and by what share parameters that are alike are set apart, in prior std
-AT_ONCE, APART = 500, 1e-6
-# share of the orders that draws fall on from which none of them is missed
-ALL = 0.9
 
 Exchange = tuple[tuple[str, str], ...]
 
@@ -79,37 +77,28 @@ def orders(exchanges: Sequence[Exchange], names: Sequence[str]) -> list[tuple[st
     return list(found)
 
 
-def orders_drawn(
-    problem: Problem, theta: np.ndarray, weighted: WeightedDraws, every: Sequence[tuple[str, ...]]
-) -> float:
-    """On how many of the orders the draws fall, each counted by its share: each draw belongs to the order whose image
-    of theta (n_param,) is nearest. Two draws meet in one order as often as there are few (Simpson's index without the
-    pairs of a draw with itself)."""
+def images_about(problem: Problem, laplace: Laplace) -> tuple[Images | None, str]:
+    """Images by exchanges that lead from the maximum to another, and a sentence on them; None where there are none, or
+    too many to follow."""
+    alike = exchangeable(problem, laplace.theta)
     parameters = problem.parameters
-    z = (weighted.theta - parameters.initial) / parameters.std
-    at = (theta - parameters.initial) / parameters.std + APART * np.arange(len(theta))
-    number = {name: k for k, name in enumerate(parameters.names)}
-    best, nearest = np.full(len(z), -np.inf), np.zeros(len(z), int)
-    for start in range(0, len(every), AT_ONCE):
-        images = np.array([[at[number[name]] for name in order] for order in every[start : start + AT_ONCE]])
-        near = z @ images.T
-        own = np.argmax(near, axis=1)
-        value = near[np.arange(len(z)), own]
-        nearest, best = np.where(value > best, start + own, nearest), np.maximum(best, value)
-    share, alone = np.bincount(nearest, weights=weighted.weight), np.sum(weighted.weight**2)
-    return float((1 - alone) / max(np.sum(share**2) - alone, 1 / len(every) ** 2))
-
-
-def exchange_words(problem: Problem, theta: np.ndarray, weighted: WeightedDraws) -> str:
-    """Which parameters may be exchanged at the maximum theta (n_param,), and how much ln evidence lacks of what that
-    makes; nothing where none may."""
-    alike = exchangeable(problem, theta)
     if not alike:
-        return ""
-    every = orders(alike, problem.parameters.names)
-    drawn = orders_drawn(problem, theta, weighted, every)
-    text = (f"; {_groups_words(alike)} may be exchanged without a change of any response: {len(every)} orders by "
-            "construction, and draws fall on ")
-    if drawn > ALL * len(every):
-        return f"{text}all of them, so that ln evidence lacks none"
-    return f"{text}about {drawn:.0f} of them: ln evidence lacks {np.log(len(every) / max(drawn, 1.0)):.2f}"
+        return None, ""
+    text = f"{_groups_words(alike)} may be exchanged without a change of any response: "
+    number = {name: k for k, name in enumerate(parameters.names)}
+
+    def numbers(exchanges: Sequence[Exchange]) -> np.ndarray:
+        return np.array([[number[name] for name in order] for order in orders(exchanges, parameters.names)])
+
+    every = numbers(alike)
+    if len(every) >= MOST_ORDERS:
+        return None, f"{text}more than {MOST_ORDERS} orders, and ln evidence counts the maxima that were found"
+    # those that are alike at the maximum share it
+    same = [one for one in alike if is_same_maximum(laplace.theta[numbers([one])[1]], laplace)]
+    at = np.mean(((laplace.theta - parameters.initial) / parameters.std)[numbers(same)], axis=0)
+    _, first = np.unique(np.round(at[every], 9), axis=0, return_index=True)
+    if len(first) == 1:
+        return None, ""
+    found = Images(initial=parameters.initial, std=parameters.std, at=frozen_array(at),
+                   orders=every[np.sort(first)])
+    return found, f"{text}{len(first)} maxima alike, each of them sampled and counted in ln evidence"

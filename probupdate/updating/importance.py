@@ -202,7 +202,7 @@ class WeightedDraws:
 def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Progress) -> np.ndarray:
     """(n,), -inf outside the bounds."""
     value = np.full(len(theta), -np.inf)
-    inside = np.flatnonzero(problem.parameters.inside(theta))
+    inside = np.flatnonzero(problem.inside(theta))
     for start in range(0, inside.size, CHUNK):
         progress(what, start, inside.size)
         rows = inside[start : start + CHUNK]
@@ -263,6 +263,7 @@ def fitted_proposal(
         power, weight = _temper_weights(value - proposed, wanted)
         if number == 0 and 1 / np.sum(_weights(value - proposed) ** 2) < wanted:
             points, more = randomised_maxima(everywhere or problem, rng, progress)
+            points = points if problem.images is None else problem.images.fold(points)
             solved += more
         if len(points) > n and number == 0:
             theta, weight = points, np.full(len(points), 1 / len(points))
@@ -357,7 +358,7 @@ def importance_sample(
         pareto_k=float(pareto_shape(log_weight[np.isfinite(log_weight)])), log_evidence=log_evidence,
         log_evidence_std=float(np.hypot(np.std(weight * N_DRAW) / np.sqrt(N_DRAW), unknown)),
         evaluated=evaluated + N_DRAW,
-        without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
+        without_modes=int(np.sum(problem.inside(theta) & ~np.isfinite(value))),
         unreached=_count_unreached(problem, proposal, getattr(proposal, "probes", np.empty((0, 0))),
                                    log_evidence - constant),
     )

@@ -112,7 +112,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     highest = _laplace(problem, theta, ())
     others = sorted({
         round(float(0.5 * (end[1] - lowest)), 3) for end in settled
-        if not _is_same_maximum(end[0], highest) and 0.5 * (end[1] - lowest) > SAME_HEIGHT
+        if not is_same_maximum(end[0], highest) and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })
     return replace(highest, others=tuple(others))
 
@@ -158,7 +158,7 @@ def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarra
     kept = [found]
     for start in starts:
         theta, _, settled = _climb(problem, np.asarray(start, float))
-        if not settled or any(_is_same_maximum(theta, other) for other in kept):
+        if not settled or any(is_same_maximum(theta, other) for other in kept):
             continue
         kept.append(_laplace(problem, theta, ()))
     mass = np.array([_log_mass(x) for x in kept])
@@ -166,7 +166,7 @@ def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarra
     return tuple(kept[k] for k in order if mass[k] > mass.max() - NEGLIGIBLE)
 
 
-def _is_same_maximum(theta: np.ndarray, other: Laplace) -> bool:
+def is_same_maximum(theta: np.ndarray, other: Laplace) -> bool:
     """Within a posterior standard deviation a parameter: one broad maximum, not two."""
     apart = theta - other.theta
     return float(apart @ other.precision @ apart) < len(theta)

@@ -23,6 +23,7 @@ from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, join_baselines
+from probupdate.updating.images import Images
 from probupdate.updating.mixing import mix_modes
 from probupdate.updating.pairing import paired_modes
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
@@ -81,10 +82,17 @@ class Problem:
     known: Rows | None = None
     bare: Problem | None = None
     given: tuple[tuple[float, Problem], ...] = ()
+    # by exchanges of parameters: the posterior is that about the first, times their number
+    images: Images | None = None
 
     @property
     def parameters(self):
         return self.model.parameters
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param): within the bounds, and where the first of the images is nearest."""
+        within = self.parameters.inside(theta)
+        return within if self.images is None else within & (self.images.nearest(theta) == 0)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -537,6 +545,8 @@ class Problem:
         where bounds allow what has no modes, such as a negative stiffness."""
         theta = np.atleast_2d(np.asarray(theta, float))
         value = self.parameters.log_density(theta)
+        if self.images is not None:
+            value = np.where(self.inside(theta), value + self.images.log_number, -np.inf)
         fallback = np.zeros(len(theta), bool)
         inside = np.isfinite(value)
         if not inside.any():

@@ -24,7 +24,7 @@ from probupdate.updating.components import misfit_by_response, variance_componen
 from probupdate.updating.discrepancy import learnt_error
 from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
-from probupdate.updating.exchanges import exchange_words
+from probupdate.updating.exchanges import images_about
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori, probable_draws
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
@@ -304,16 +304,22 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
 
 def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximation, rng, notes,
               progress: Progress, everywhere: Problem | None = None) -> Approach:
-    """Further maxima from draws of the prior, and a proposal for all of them."""
+    """Further maxima from draws of the prior, and a proposal for all of them; of those that are alike as parameters
+    may be exchanged, for one."""
     starts = problem.parameters.draw(rng, N_START)
-    maxima = distinct_maxima(problem, laplace, starts)
+    maxima, images, words = distinct_maxima(problem, laplace, starts), None, ""
+    if len(maxima) > 1:
+        images, words = images_about(problem, laplace)
+    if images is not None:
+        maxima = distinct_maxima(problem, laplace, images.fold(np.array([one.theta for one in maxima])))
     approximations = [surrogate]
     for other in maxima:
         if other is not laplace:
             approximations.append(fit_surrogate(problem, other, rng, progress)[0])
+    problem = replace(problem, images=images)
     proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress,
                                        everywhere=everywhere)
-    notes = notes | {"maxima": len(maxima)}
+    notes = notes | {"maxima": len(maxima), "exchanges": words}
     highest = max(maxima, key=lambda one: one.log_posterior).theta
     return Approach(problem=problem, surrogate=surrogate, highest=highest, proposal=proposal, solved=solved,
                     notes=notes)
@@ -358,6 +364,8 @@ def sample_posterior(
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept = kept[::thin]
     rng = np.random.default_rng([settings.seed, 3])
+    if fast.images is not None:
+        kept, log_posterior = fast.images.spread(kept, rng), log_posterior - fast.images.log_number
     flat = kept.reshape(-1, kept.shape[2])
     shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
     predicted = fast.predict_many(shown)
@@ -367,7 +375,6 @@ def sample_posterior(
         laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
         against=_compare_with_full(problem, predicted, shown[:N_CHECK]),
         likely=_suspected_mistake(problem, data, laplace, set_id),
-        exchanges=exchange_words(problem, laplace.theta, weighted) if prepared.notes["maxima"] > 1 else "",
     )
     return _posterior(found, data, settings, rng)
 
@@ -376,7 +383,7 @@ def sample_posterior(
 class _SampledChain:
     """A chain, every `thin`-th step of it after burn-in (theta, log_posterior), and what it stands beside: the problem
     on the full model, the maximum, the approach, weighted draws, the evidence (None: not stated), predictions at some
-    draws and those of the full model, channels that may be mistaken, words on parameters that may be exchanged."""
+    draws and those of the full model, channels that may be mistaken."""
 
     problem: Problem
     laplace: Laplace
@@ -391,7 +398,6 @@ class _SampledChain:
     predicted: Prediction
     against: _AgainstFull
     likely: ChannelMistake | None
-    exchanges: str
 
 
 def _posterior(found: _SampledChain, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
@@ -426,7 +432,7 @@ def _run_record(found: _SampledChain, settings: SamplerSettings, error: LearntEr
     problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
     unstated = "ln evidence is not stated, as the chain has not converged"
     statements = [*_baseline_settings(problem, error).values(),
-                  *_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"], found.exchanges),
+                  *_warnings(problem, laplace, found.likely, found.prepared.notes),
                   found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
@@ -480,13 +486,13 @@ def _compare_with_full(problem: Problem, predicted: Prediction, checked: np.ndar
 
 
 def _warnings(
-    problem: Problem, laplace: Laplace, likely: ChannelMistake | None, maxima: int, exchanges: str
+    problem: Problem, laplace: Laplace, likely: ChannelMistake | None, found: dict[str, Any]
 ) -> list[str]:
     """What is to be read before any number of the posterior."""
-    said = []
-    if maxima > 1:
-        said.append(f"{maxima} separate maxima of the posterior, found by {N_START} starts and all of them sampled; "
-                    "there may be more, and ln evidence counts those found" + exchanges)
+    said = [found["exchanges"]] if found["exchanges"] else []
+    if found["maxima"] > 1:
+        said.append(f"{found['maxima']} separate maxima of the posterior, found by {N_START} starts and all of them "
+                    "sampled; there may be more, and ln evidence counts those found")
     if likely is not None:
         said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if laplace.misfit > beyond_chance(problem.n_effective):

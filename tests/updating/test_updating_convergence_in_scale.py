@@ -1,11 +1,13 @@
 """A chain whose means agree and whose widths do not has not converged; exchangeable parameters are counted."""
 
+import math
 from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import integrate, stats
 from updating_cases import LINEAR_PARAMETERS, linear_problem, modal_set
 
 from probupdate.errors import InputError
@@ -14,9 +16,11 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.ensemble import R_HAT_LIMIT, nested_r_hat
-from probupdate.updating.exchanges import exchange_words, exchangeable, orders
+from probupdate.updating.exchanges import exchangeable, images_about, orders
 from probupdate.updating.importance import N_DRAW, WeightedDraws, agree
+from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.runs import sample_posterior
 from probupdate.updating.settings import SamplerSettings, UpdateSettings
 
 
@@ -67,37 +71,61 @@ def oscillators(items):
     return build_problem(model, data, weights=Weights(shapes="none"), clusters=[(j,) for j in range(n)])
 
 
-@pytest.mark.parametrize("top", [(0.7, 1.0, 1.3, 1.6, 1.0), (0.917, 0.917, 1.1, 1.1, 1.0)])
-@pytest.mark.parametrize("reached", [24, 3])
-def test_orders_that_draws_fall_on_are_counted_by_their_share(top, reached):
-    """Of maxima that coincide, as two parameters are alike there, the evidence lacks nothing: ln 4 had been said."""
-    alike = tuple(Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4))
-    problem = oscillators((*alike, Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)))
-    # those of one maximum of two alike pairs are four
-    every = list(permutations(range(4)))[:reached] if len(set(top)) > 3 or reached == 24 else [
-        (0, 1, 2, 3), (1, 0, 2, 3), (0, 1, 3, 2), (1, 0, 3, 2)]
-    rng = np.random.default_rng(2)
-    theta = np.array([[*np.array(top)[list(every[k % len(every)])], 1.0] for k in range(4000)])
-    theta = theta + 0.01 * rng.standard_normal(theta.shape)
-    draws = replace(weighted(), theta=theta, weight=rng.dirichlet(np.full(4000, 2.0)))
-    words = exchange_words(problem, np.array(top), draws)
-    if reached == 24:
-        assert words.endswith("24 orders by construction, and draws fall on all of them, so that ln evidence lacks "
-                              "none")
-    else:
-        lacks = np.log(24 / len(every))
-        assert words.endswith(f"about {len(every)} of them: ln evidence lacks {lacks:.2f}")
+ALIKE = tuple(Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4))
+
+
+@pytest.mark.parametrize(("top", "number"), [
+    ((0.7, 1.0, 1.3, 1.6, 1.0), 24), ((0.917, 0.917, 1.1, 1.1, 1.0), 6), ((1.0, 1.0, 1.0, 1.0, 1.0), 0)])
+def test_images_are_one_for_each_maximum(top, number):
+    """Of maxima that coincide, as two parameters are alike there, there are fewer than orders."""
+    problem = oscillators((*ALIKE, Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)))
+    at = replace(maximum_a_posteriori(problem, [np.array([0.7, 1.0, 1.3, 1.6, 1.0])]), theta=np.array(top))
+    images, words = images_about(problem, at)
+    assert (images is None) == (number == 0) and (str(number) in words or not number)
+    if images is not None:
+        rng = np.random.default_rng(1)
+        theta = rng.uniform(0.5, 1.7, (200, 5))
+        folded, spread = images.fold(theta), images.spread(theta, rng)
+        assert len(images.orders) == number and not np.any(images.nearest(folded))
+        assert np.array_equal(images.fold(images.spread(folded, rng)), folded) or number < 24
+        assert np.array_equal(np.sort(spread, axis=1), np.sort(theta, axis=1))
+        assert len(set(images.nearest(images.spread(np.tile(folded[0], (400, 1)), rng)))) == number
+
+
+def test_evidence_of_exchangeable_parameters_counts_all_maxima(tmp_path, validation):
+    """Five springs whose frequencies say nothing of whose they are: 120 maxima, some of which meet."""
+    row = validation(what="five exchangeable parameters, 120 maxima that meet: ln Z", reference="nested quadrature",
+                     why="four standard errors", unit="standard deviations stated")
+    hz, n = np.sqrt(np.linspace(0.6, 1.4, 5)), 5
+    shape = np.linalg.qr(np.random.default_rng(5).standard_normal((n, n)))[0]
+    items = tuple(Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.1, upper=3.0) for j in range(n))
+    model = FunctionModel(name="o", parameters=Parameters(items), channels=tuple("abcde"), version="1",
+                          function=lambda theta: (np.sqrt(np.sort(theta)), shape))
+    data = ModalData(channels=model.channels, sets=(modal_set(hz, shape, std=0.02 * hz),))
+    found = sample_posterior(model, data, tmp_path, weights=Weights(shapes="none"),
+                             settings=SamplerSettings(target_ess=200, ensembles=2))
+    x = np.linspace(0.1, 3.0, 40_001)
+    prior = stats.truncnorm(-3.0, 2.0 / 0.3, 1.0, 0.3).pdf(x)
+    below = np.ones_like(x)
+    for f in hz:
+        # of all that lie in ascending order, the last at x
+        below = integrate.cumulative_trapezoid(prior * stats.norm.pdf(f, np.sqrt(x), 0.02 * f) * below, x, initial=0.0)
+    exact = np.log(below[-1] * math.factorial(n))
+    evidence = found.record["evidence"]
+    row.error((evidence["log_evidence"] - exact) / evidence["std"], below=4)
+    assert found.converged and "120 maxima alike" in " ".join(found.record["statements"])
+    # whichever is whose: all have the same marginal
+    assert np.ptp(found.draws.mean(axis=0)) < 4 * 0.29 / np.sqrt(found.ess.min())
 
 
 def test_parameters_that_may_be_exchanged_are_found_and_counted():
-    alike = [Parameter(name=f"k{j}", unit="-", initial=1.0, std=0.3, lower=0.01) for j in range(4)]
     other = Parameter(name="z", unit="-", initial=1.0, std=0.3, lower=0.01)
-    problem = oscillators((*alike, other))
+    problem = oscillators((*ALIKE, other))
     found = exchangeable(problem, problem.parameters.initial)
     assert {frozenset(pair) for (pair,) in found} == {frozenset(p) for p in combinations(["k0", "k1", "k2", "k3"], 2)}
     assert len(orders(found, problem.parameters.names)) == 24
     # another prior is another parameter
-    less = oscillators((*alike[:3], replace(alike[3], std=0.2), other))
+    less = oscillators((*ALIKE[:3], replace(ALIKE[3], std=0.2), other))
     assert len(orders(exchangeable(less, less.parameters.initial), less.parameters.names)) == 6
     assert exchangeable(linear_problem(np.array([1.0, 2, 4, 8, 16])), LINEAR_PARAMETERS.initial) == []
 
