@@ -59,6 +59,8 @@ def run(tmp_path_factory):
     (folder / "model.toml").write_text(toml(raw))
     conditions = copy.deepcopy(CONDITIONS)
     conditions["life"]["years"] = 15
+    # at four years Miner's sum was below half of that at failure: eight years at least, of which five are over
+    conditions["inspection"] = {"age_years": 4.0, "detectable_share": 0.5}
     (folder / "fatigue.toml").write_text(_toml(conditions))
     model = load_model(folder / "model.toml")
     solution = model.solve(model.parameters.initial * 1.02, HIGH)
@@ -160,6 +162,29 @@ def test_every_file_of_fatigue_is_in_the_manifest_with_units(done):
     assert answer["basis_error"] < 0.01 and answer["target_annual_index"] == 3.3
     assert answer["form_minus_monte_carlo"] < 0.02 + 4 * answer["monte_carlo_standard_error"]
     assert not any("fatigue" in text for text in manifest["left_out"])
+
+
+def test_an_inspection_without_a_crack_proves_the_years_after_it(done):
+    life = read_table(done.folder / "remaining_life.csv")
+    assert min(life["q05"]) >= 8.0 - 5.0 - 1e-9 and all(0 < p <= 1 for p in life["survival_to_age"])
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    assert "no crack was found at 4 years" in manifest["files"]["remaining_life.csv"]["what"]
+    assert all(y is None or 0 <= y <= 15 for y in life["years_to_target"])
+
+
+def test_one_more_measurement_leaves_what_varies_from_set_to_set(done):
+    """With few draws it left nothing at all."""
+    after, factors = (read_table(done.folder / f"{name}.csv") for name in ("next_measurement", "model_factors"))
+    between = {int(of.split(":")[0].removeprefix("hot spot ")): v for of, v, what in zip(
+        factors["of"], factors["cov_set_to_set"], factors["quantity"], strict=True) if what == "stress range"}
+    for spot, now, then in zip(after["hot_spot"], after["cov_now"], after["cov_then"], strict=True):
+        assert between[spot] * (1 - 1e-9) <= then <= now * (1 + 1e-9)
+    assert max(between.values()) > 0
+
+
+def test_cycles_that_are_not_counted_are_named(done):
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    assert any("start, stop, another mean wind" in text for text in manifest["left_out"])
 
 
 def test_ratios_are_of_their_own_draw_over_the_design(done, run):
