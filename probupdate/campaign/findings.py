@@ -325,7 +325,7 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         value, spread = float(np.median(centre[group])), float(np.median(error[group]))
         text = (f"suspect: the clock of {', '.join(channels[c] for c in group)} is {1e3 * abs(value):.1f} +- "
                 f"{1e3 * spread:.1f} ms {'ahead of' if value > 0 else 'behind'} the median channel: what happens is "
-                f"recorded {'late' if value > 0 else 'early'}")
+                f"recorded {'late, as behind a low-pass filter too' if value > 0 else 'early'}")
         change = float(np.median(slope[group]))
         if change:
             text += f", and it changes by {1e3 * change:+.1f} ms a day ({change / 0.0864:+.2f} ppm)"
@@ -334,8 +334,11 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         return [], None
     followed = [e for e, name in zip(error, channels, strict=True) if np.isfinite(e) and name not in away]
     resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * max(followed, default=0.0))
-    n = int(np.isfinite(centre).sum())
-    return found, f"clocks of {n} of {len(channels)} channels compared; differences from {resolved:.1f} ms show"
+    apart = [name for name, c in zip(channels, centre, strict=True) if not np.isfinite(c)]
+    named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a filter of its own)"
+             if 2 * len(apart) < len(channels) and apart else "")
+    return found, (f"clocks of {len(channels) - len(apart)} of {len(channels)} channels compared{named}; differences "
+                   f"from {resolved:.1f} ms show")
 
 
 def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:

@@ -1,5 +1,7 @@
 """Clocks that drift beyond the range in which delays are sought: by their size, never as a constant, sign or gain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -79,3 +81,11 @@ def test_check_reports_clocks_and_no_sign_or_gain(campaign_folder, storeys, ppm,
     else:
         expected = 1e3 * (constant + ppm * 1e-6 * time[-1] / 2)
         assert float(text.split("is ")[1].split(" +-")[0]) == pytest.approx(expected, abs=20 if ppm else 2)
+
+
+def test_a_channel_that_no_block_could_compare_is_named_and_not_blamed():
+    some = [replace(b, delay_s=np.r_[b.delay_s[:-1], np.nan], drift=np.r_[b.drift[:-1], np.nan]) for b in blocks(0.0)]
+    channels = [f"c{k}" for k in range(len(some[0].delay_s))]
+    assert runaway_clocks(some, channels) == {}
+    found, use = clock_findings(some, channels)
+    assert found == [] and f"(not {channels[-1]}: " in use
