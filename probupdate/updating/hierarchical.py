@@ -16,16 +16,18 @@ from dataclasses import dataclass
 
 import emcee
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.ensemble import SubsetMove
+from probupdate.updating.importance import StudentT
 from probupdate.updating.posterior_file import effective_size
 from probupdate.updating.set_likelihoods import Coordinates, SetLikelihoods
 from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.weight_smoothing import smoothed_weights
 
 SPREAD = CONSTANTS.population_spread
 LKJ_ETA = CONSTANTS.lkj_eta
@@ -36,6 +38,9 @@ REDRAW_SHARE, SUBSET_SHARE = 0.5, 0.3
 # the Gaussian that stands for the prior in proposals of the mean is so many times as wide in variance
 PROPOSAL_VARIANCE = 1.3
 N_PRIOR = 20_000
+# independent draws at first, in parts, twice as many after each fit; as they are kept; step of differences and range
+# of w
+AT_ONCE, PART, FITS, N_KEPT, DIFFERENCE, W_RANGE = 4000, 500, 4, 8000, 1e-3, (-5.0, 6.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,6 +106,15 @@ class _Hyper:
             value[inside] += self.likelihoods.marginal(mean[inside], self.scales(x[inside])[1]).sum(axis=1)
         return np.where(inside, value, -np.inf)
 
+    def of_scales(self, w: np.ndarray) -> np.ndarray:
+        """ln of the density of w (n, n_w), the mean integrated out with a Gaussian for its prior, up to a constant."""
+        x = np.hstack([np.zeros((len(w), self.n)), w])
+        middle, root = self.conditional(x)
+        off = middle - self.prior_mean
+        value = self.likelihoods.marginal(middle, self.scales(x)[1]).sum(axis=1) - 0.5 * np.sum(w**2, axis=1)
+        return value - 0.5 * np.sum(off @ self.prior_precision * off, axis=1) - np.log(
+            np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+
     def conditional(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean (n, n_param) and lower factor of the precision of mu given tau, R, with a Gaussian for its prior."""
         like, (_, factor) = self.likelihoods, self.scales(x)
@@ -157,17 +171,107 @@ class _Redraw(emcee.moves.RedBlueMove):
         return fresh, factors
 
 
+@dataclass(frozen=True, eq=False)
+class _Independent:
+    """Independent draws of x: scales from a Student t, the mean from its conditional given them."""
+
+    hyper: _Hyper
+    about: StudentT
+
+    @classmethod
+    def of(cls, hyper: _Hyper) -> _Independent:
+        """About the largest density of the scales, the mean integrated out with a Gaussian for its prior."""
+        n_w = hyper.n_x - hyper.n
+        steps = np.vstack([np.zeros(n_w), DIFFERENCE * np.eye(n_w), -DIFFERENCE * np.eye(n_w)])
+
+        def descent(w: np.ndarray) -> tuple[float, np.ndarray]:
+            value = -hyper.of_scales(w + steps)
+            return float(value[0]), (value[1 : n_w + 1] - value[n_w + 1 :]) / (2 * DIFFERENCE)
+
+        top = optimize.minimize(descent, np.zeros(n_w), jac=True, method="L-BFGS-B", bounds=[W_RANGE] * n_w).x
+        slope = np.array([descent(top + step)[1] for step in DIFFERENCE * np.vstack([np.eye(n_w), -np.eye(n_w)])])
+        value, vectors = np.linalg.eigh((slope[:n_w] - slope[n_w:]) / (2 * DIFFERENCE))
+        # no wider than twice the hyper-prior
+        return cls(hyper, _about(top, (vectors / np.maximum(value, 0.5)) @ vectors.T))
+
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """x (n, n_x) and ln of what they weigh (n,)."""
+        size = self.hyper.n
+        w = self.about.draw(n, rng)
+        x = np.hstack([np.zeros((n, size)), w])
+        middle, root = self.hyper.conditional(x)
+        z = rng.standard_normal(middle.shape)
+        x[:, :size] = middle + np.linalg.solve(np.swapaxes(root, 1, 2), z[..., None])[..., 0]
+        log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        return x, self.hyper(x) - (self.about.of_coordinates(w) + log_det - 0.5 * np.sum(z**2, axis=1))
+
+    def fitted(self, x: np.ndarray, weight: np.ndarray) -> _Independent:
+        w = x[:, self.hyper.n :]
+        middle = weight @ w
+        return _Independent(self.hyper, _about(middle, (w - middle).T @ (weight[:, None] * (w - middle))))
+
+
+def _about(centre: np.ndarray, covariance: np.ndarray) -> StudentT:
+    return StudentT(centre=centre, factor=np.linalg.cholesky(PROPOSAL_VARIANCE * covariance),
+                    logarithmic=np.zeros(len(centre), bool))
+
+
+def _independent_draws(
+    hyper: _Hyper, target_ess: int, rng: np.random.Generator, progress: Progress
+) -> tuple[np.ndarray, float, float, str] | None:
+    """As `_chain`, each draw as often as its weight, R-hat one; None where the weights say that they are not the
+    population's."""
+    source, number = _Independent.of(hyper), AT_ONCE
+    for fit in range(FITS):
+        progress("population", fit, FITS)
+        parts = [source.draw(PART, rng) for _ in range(number // PART)]
+        x, log_weight = (np.concatenate([part[k] for part in parts]) for k in range(2))
+        inside = np.isfinite(log_weight)
+        if inside.sum() < hyper.n_x * 10:
+            return None
+        x = x[inside]
+        smooth, k = smoothed_weights(log_weight[inside])
+        weight = np.exp(smooth)
+        ess = float(1 / np.sum(weight**2))
+        if k <= CONSTANTS.trusted_k and ess >= target_ess:
+            at = (np.arange(N_KEPT) + rng.uniform()) / N_KEPT
+            taken = np.minimum(np.searchsorted(np.cumsum(weight), at), len(x) - 1)
+            words = f"{number} independent draws, {ess:.0f} effective, Pareto k {k:.2f}"
+            return x[rng.permutation(taken)], 1.0, ess, words
+        if ess < 2 * hyper.n_x:
+            return None
+        source, number = source.fitted(x, weight), 2 * number
+    return None
+
+
 def sample_population(
     likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, *, seed: int,
     correlated: bool = False, spread: float | np.ndarray = SPREAD, target_ess: int = 500,
     r_hat_limit: float = R_HAT_LIMIT, progress: Progress = silent,
 ) -> Population:
-    """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
-    number with R-hat below its limit, or says that it did not get there. spread: one, or one a parameter, zero of what
-    is one number in all sets."""
+    """Mean, scales and, where asked for, correlation by weighed independent draws; by emcee where these do not
+    represent them. That stops at the wanted bulk effective size of the worst number with R-hat below its limit, or says
+    that it did not get there. spread: one, or one a parameter, zero of what is one number in all sets."""
     if len(likelihoods.ids) < 2:
         raise InputError("sets", "fewer than two do not show any scatter between sets", "give two or more")
     hyper = _Hyper(likelihoods, parameters, coordinates, correlated, spread)
+    found = _independent_draws(hyper, target_ess, np.random.default_rng([seed, 10]), progress)
+    flat, r_hat, ess, words = found or _chain(hyper, seed, target_ess, r_hat_limit, progress)
+    converged = r_hat < r_hat_limit and ess >= target_ess
+    tau, factor = hyper.scales(flat)
+    return Population(
+        mean=frozen_array(flat[:, : hyper.n]), tau=frozen_array(tau), factor=frozen_array(factor),
+        log_likelihood=frozen_array(likelihoods.marginal(flat[:, : hyper.n], factor)), r_hat=r_hat, ess=ess,
+        converged=converged, verdict=f"converged: {words}" if converged else
+        f"NOT converged after {words}: its means and scatter are provisional; hold parameters that the sets hardly "
+        "identify (a smaller cov in their table) or give more sets",
+    )
+
+
+def _chain(
+    hyper: _Hyper, seed: int, target_ess: int, r_hat_limit: float, progress: Progress
+) -> tuple[np.ndarray, float, float, str]:
+    """x (n, n_x) by emcee, R-hat, effective size, and both in words."""
     rng = np.random.default_rng([seed, 11])
     start = _start(hyper, 2 * hyper.n_x + 2, rng)
     moves = [(_Redraw(hyper), REDRAW_SHARE), (SubsetMove(), SUBSET_SHARE),
@@ -186,18 +290,9 @@ def sample_population(
         r_hat, ess = effective_size(kept)
         judged = float(np.max(r_hat)), float(np.min(ess))
     progress("population", MAX_STEPS, MAX_STEPS)
-    converged = judged[0] < r_hat_limit and judged[1] >= target_ess
     words = f"{sampler.iteration} steps, R-hat {judged[0]:.4f}, effective size {judged[1]:.0f} of the worst number"
     flat = kept.reshape(-1, hyper.n_x)
-    flat = flat[:: max(1, int(np.ceil(len(flat) / 8000)))]
-    tau, factor = hyper.scales(flat)
-    return Population(
-        mean=frozen_array(flat[:, : hyper.n]), tau=frozen_array(tau), factor=frozen_array(factor),
-        log_likelihood=frozen_array(likelihoods.marginal(flat[:, : hyper.n], factor)), r_hat=judged[0], ess=judged[1],
-        converged=converged, verdict=f"converged: {words}" if converged else
-        f"NOT converged after {words}: its means and scatter are provisional; hold parameters that the sets hardly "
-        "identify (a smaller cov in their table) or give more sets",
-    )
+    return flat[:: max(1, int(np.ceil(len(flat) / N_KEPT)))], *judged, words
 
 
 def _start(hyper: _Hyper, n_walker: int, rng: np.random.Generator) -> np.ndarray:

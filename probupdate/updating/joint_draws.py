@@ -12,7 +12,7 @@ from scipy import special
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.joint_scales import ScaleChain, Scales
 from probupdate.updating.joint_system import FarmSystem
-from probupdate.updating.predictive import smoothed_weights
+from probupdate.updating.weight_smoothing import smoothed_weights
 
 # draws; so many at a time
 N_DRAW, CHUNK = 400, 50

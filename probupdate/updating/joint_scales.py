@@ -19,9 +19,9 @@ from probupdate.updating.hierarchical import half_normal
 from probupdate.updating.importance import StudentT
 from probupdate.updating.joint_system import FarmSystem
 from probupdate.updating.posterior_file import effective_size
-from probupdate.updating.predictive import smoothed_weights
 from probupdate.updating.scales import log_half_cauchy
 from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.weight_smoothing import smoothed_weights
 
 # of w, standard normal a priori, and of ln of a scale over its hyper-prior's
 W_RANGE, LN_RANGE = (-5.0, 6.0), (-6.0, 4.0)

@@ -26,7 +26,6 @@ from probupdate.updating.predictive import (
     bits_gained,
     population_left_out,
     population_score,
-    smoothed_weights,
 )
 from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.updating.scales import LearntScales, learn_scales
@@ -53,6 +52,7 @@ from probupdate.updating.shared_error import (
     total,
 )
 from probupdate.updating.surrogate import GaussianApproximation, Proposal, TruncatedGaussian
+from probupdate.updating.weight_smoothing import smoothed_weights
 
 # draws of the posterior of all linearised sets and of some, how often their proposal is fitted to them again, and the
 # nodes whose Gaussians propose, by their share of the posterior from the widest on

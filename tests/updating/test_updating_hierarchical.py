@@ -17,12 +17,13 @@ from probupdate.reporting.values import Run
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.hierarchical import SPREAD, lkj_factor, sample_population, scatter_interval
 from probupdate.updating.information import information
-from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
+from probupdate.updating.predictive import population_left_out, population_score
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_likelihoods import coordinates_of, linearise
 from probupdate.updating.set_views import LAST_ESS, Common, gaussian_prior, joint_posterior, mode_scatter, view_sets
 from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, parameter_sentence, read_views
 from probupdate.updating.shared_error import shared_error
+from probupdate.updating.weight_smoothing import smoothed_weights
 from probupdate.verbs import sets
 from studies.calibration.scatter import coverage
 
