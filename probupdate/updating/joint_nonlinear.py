@@ -181,8 +181,9 @@ class Arrow:
 @dataclass(eq=False)
 class _Moving:
     """One draw on its way: its shift s (n_w,) so far, that of e, the next step, how far it is missed, ln of the
-    determinants' ratio; derivatives of its bends, by differences where it stays (`exact`, and `fresh` after that), as
-    steps show after one (Broyden 1965); `end`: '' while it moves, 'solved' or 'lost'."""
+    determinants' ratio; derivatives of its bends, none at first, as steps show them (Broyden 1965), by differences
+    where those do not serve and where it stays (`exact`, and `fresh` after that); `end`: '' while it moves,
+    'solved' or 'lost'."""
 
     arrow: Arrow
     shift: np.ndarray
@@ -193,7 +194,7 @@ class _Moving:
     ln_ratio: float = 0.0
     bend: np.ndarray | None = None
     slope: np.ndarray | None = None
-    exact: bool = True
+    exact: bool = False
     fresh: bool = False
     end: str = ""
 
@@ -238,6 +239,8 @@ class _Moving:
 
     def _update_derivatives(self, bend: np.ndarray, moved: np.ndarray) -> np.ndarray:
         """Derivatives changed by what a step (n_turbine, n_param) has shown."""
+        if self.bend is None:
+            return np.zeros((*bend[:, :-2].shape, moved.shape[1]))
         found = np.array(self.slope)
         for M, after, before, step in zip(found, bend, self.bend, moved, strict=True):
             if np.any(step):

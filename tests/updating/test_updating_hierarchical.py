@@ -19,7 +19,7 @@ from probupdate.updating.hierarchical import SPREAD, lkj_factor, sample_populati
 from probupdate.updating.information import information
 from probupdate.updating.predictive import population_left_out, population_score
 from probupdate.updating.problem import build_problem
-from probupdate.updating.set_likelihoods import coordinates_of, linearise
+from probupdate.updating.set_likelihoods import SetLikelihoods, coordinates_of, linearise
 from probupdate.updating.set_views import LAST_ESS, Common, gaussian_prior, joint_posterior, mode_scatter, view_sets
 from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, parameter_sentence, read_views
 from probupdate.updating.shared_error import shared_error
@@ -117,6 +117,28 @@ def test_the_population_of_one_parameter_is_that_of_quadrature(validation):
     std = np.sqrt(integrate.simpson((grid - mean) ** 2 * p, x=grid))
     row.error((population.tau.mean() - mean) / std * np.sqrt(population.ess), below=4, of="mean")
     row.error((population.tau.std() / std - 1) * np.sqrt(population.ess), below=4, of="standard deviation")
+
+
+@pytest.mark.parametrize("middle", [0.9, 1.3])
+def test_a_population_at_its_bound_is_that_of_quadrature(middle):
+    """Far beyond the bound no independent draw of the mean lies within, and a chain walks."""
+    parameters = Parameters((Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=1.0),))
+    own = np.log(middle) + 0.02 * np.random.default_rng(4).standard_normal((N_SET, 1))
+    sets = SetLikelihoods(ids=tuple("abcdefghi"), centre=own, value=np.zeros(N_SET), gradient=np.zeros((N_SET, 1)),
+                          precision=np.full((N_SET, 1, 1), 0.02**-2))
+    found = sample_population(sets, parameters, coordinates_of(parameters), seed=2)
+    assert found.converged and ("steps" in found.verdict) == (middle < 1)
+    u, tau = np.linspace(0, 0.6, 1201), np.linspace(1e-4, 0.6, 1200)
+    value = stats.norm.logpdf(np.exp(u), 1, 0.5) + u
+    value = value + stats.norm.logpdf(tau, 0, 0.5 * SPREAD)[:, None]
+    value = value + np.sum(stats.norm.logpdf(own, u, np.hypot(tau, 0.02)[:, None, None]), axis=1)
+    weight = np.exp(value - value.max())
+    for drawn, number, share in ((found.mean[:, 0], u, weight.sum(axis=0)), (found.tau[:, 0], tau, weight.sum(axis=1))):
+        share = share / share.sum()
+        mean = share @ number
+        std = np.sqrt(share @ (number - mean) ** 2)
+        assert abs(drawn.mean() - mean) < 4 * std / np.sqrt(found.ess)
+        assert drawn.std() == pytest.approx(std, rel=4 / np.sqrt(found.ess) + 0.02)
 
 
 def linear_one(parameters, slope):
