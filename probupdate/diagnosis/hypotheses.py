@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from probupdate.diagnosis.adequacy import explains
 from probupdate.diagnosis.evidence import error_scale_mean, linear_evidence, log_size_prior
 from probupdate.diagnosis.expected import parameters_with, residuals_at
 from probupdate.diagnosis.fitting import Fit, fitted_without_candidates, linearise
@@ -19,6 +20,7 @@ from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.proposals import (
     SHARE_STEP,
     TriedCandidate,
+    changed_together,
     sharpen_time,
     sharpened_again,
     try_candidates,
@@ -213,6 +215,49 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
             for t in [t for t in tried if t.whole and t.gain > least][:MOST_MOVES]]
 
 
+def _fit_at_last(
+    problem: DiagnosisProblem, known: dict[frozenset, Hypothesis], best: Hypothesis, first: Search, most: int,
+    runs: Executor,
+) -> None:
+    """Adds to `known` what of the structure changed together, beside what the most probable hypothesis says of sensors,
+    since the time that all of it shows; and large effects that were not tried at their own size yet, as a model that
+    had bent far enough leaves no large score."""
+    start = known[frozenset()].with_design(problem)
+    moves = _changed_together(problem, best, first, most)
+    if not first.statistic.max() > LARGE:
+        moves += large_moves(problem, start, first, len(first.z))
+    fit_moves(problem, start, moves, known, noise_anew=True, runs=runs)
+    for key in {key_of(problem, move.candidates) for move in moves} & known.keys():
+        known[key] = _renew_hypothesis(problem, known[key])
+
+
+def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search, most: int) -> list[Move]:
+    """From the model as it is to several effects of the structure that begin where the most probable hypothesis has
+    one, else where the highest score as a step does: the first of them, the first two and so on."""
+    of_sensors = [i for i, n in enumerate(best.fitted.included) if n.effect.observe is not None]
+    kept = tuple(best.fitted.included[i] for i in of_sensors)
+    since = next((n.time_profile for n in best.fitted.included
+                  if n.effect.observe is None and n.time_profile.kind == "step"), None)
+    steps = [problem.effects[j].observe is None and problem.time_profiles[c].kind == "step"
+             for j, c in problem.which[: len(first.z)]]
+    score = np.where(steps, first.statistic, 0.0)
+    if since is None:
+        since = problem.time_profiles[problem.which[int(np.argmax(score)), 1]]
+    grid = min((profile for profile in problem.time_profiles if profile.kind == "step"),
+               key=lambda profile: abs(profile.at - since.at), default=None)
+    if grid is None or not score.max() > LARGE:
+        return []
+    rows = [int(k) for k in np.flatnonzero(steps) if problem.time_profiles[problem.which[k, 1]] is grid]
+    try:
+        theta, parts = changed_together(problem, kept, rows, since, most - len(kept))
+    except ConvergenceError:
+        return []
+    return [Move(candidates=(*(best.candidates[i] for i in of_sensors), *(t.candidate for t in parts[:n])),
+                 z=(*(best.z[i] for i in of_sensors), *(float(first.z[t.candidate]) for t in parts[:n])),
+                 included=(*kept, *(replace(_begun(problem, t), time_profile=since) for t in parts[:n])),
+                 theta=theta, promise=np.inf) for n in range(1, len(parts) + 1)]
+
+
 def _begun(problem: DiagnosisProblem, tried: TriedCandidate) -> IncludedEffect:
     effect = problem.effects[problem.which[tried.candidate, 0]]
     return IncludedEffect(effect=effect, time_profile=tried.time_profile, size=tried.size)
@@ -228,7 +273,7 @@ def explore(
     # what a design is asked for is as large as all else together, and goes with the search that asked for it
     null = replace(null, design=replace(null.design))
     searches: dict[frozenset, Search] = {}
-    compared, renewed = Ranking(runs), set()
+    compared, renewed, at_last = Ranking(runs), set(), False
     first = search(problem, null, seed=seed)
 
     def beside(here: Hypothesis) -> Search:
@@ -237,8 +282,13 @@ def explore(
     known = _explore_first(problem, null, [_first_move(problem, n, first) for n in begun], runs)
     while len(searches) < MOST_LOOKED:
         keys, relative = compared.order(problem, known)
-        if (key := _choose_next(keys, relative, searches)) is None:
+        key = _choose_next(keys, relative, searches)
+        if key is None and (at_last or not _leaves_much(problem, known[keys[0]], searches[keys[0]], seed)):
             break
+        if key is None:
+            at_last = True
+            _fit_at_last(problem, known, known[keys[0]], first, most, runs)
+            continue
         if key and key not in renewed:
             renewed.add(key)
             known |= _renewed_with_its_like(problem, known, key, renewed)
@@ -292,6 +342,12 @@ def _first_move(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> 
 def _is_large(problem: DiagnosisProblem, found: Search, key: frozenset) -> bool:
     # of frequencies alone first order says which of two equal modes moves, where either may
     return found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
+
+
+def _leaves_much(problem: DiagnosisProblem, one: Hypothesis, found: Search, seed: int) -> bool:
+    """What is not known of a strong effect hides others that change with it from the scores, and not from this test."""
+    return (not one.fitted.settled or bool(found.statistic.max() > found.threshold)
+            or not explains(problem, one.with_design(problem).fitted, found, seed))
 
 
 def _choose_next(

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import optimize
 
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, residuals_of_sizes
-from probupdate.diagnosis.fitting import Fit, design_at, kept_columns, linearise, noise_of
+from probupdate.diagnosis.fitting import Fit, design_at, fitted_without_candidates, kept_columns, linearise, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.predictor import MATE
@@ -176,6 +176,51 @@ def _about(effect: Effect, size: float) -> list[float]:
     end = effect.upper if size > 0 else effect.lower
     steps = np.sign(size) * np.minimum(effect.prior_scale * 2.0 ** np.arange(-1, DOUBLINGS), abs(end))
     return [float(s) for s in dict.fromkeys(steps) if s]
+
+
+def changed_together(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], rows: Sequence[int], profile: TimeProfile, most: int
+) -> tuple[np.ndarray, list[TriedCandidate]]:
+    """The few candidates among `rows`, at most so many, that changed together along a time profile, beside what is
+    included already: all that change one parameter each are estimated at once, of which their heavy-tailed prior lets
+    few be large; then those that explain most of these sizes, one after the other, members of a group as the group.
+    Masses on springs are not among them: each brings modes of its own, and dozens at once more than are compared. With
+    the parameters of that fit. Raises ConvergenceError where the model has no modes on the way."""
+    effects = {k: problem.effects[problem.which[k, 0]] for k in rows}
+    moving = {k: dict(e.increments) for k, e in effects.items() if e.observe is None and not e.discrete}
+    hung = {problem.predictor.parameters.names[one.column] for one in problem.predictor.small.tuned}
+    alone = {name: k for k, names in moving.items() if len(names) == 1 for name in names if name not in hung}
+    own = [IncludedEffect(effect=effects[k], time_profile=profile, size=0.0) for k in alone.values()]
+    fitted = fitted_without_candidates(problem, problem.predictor.parameters.initial, (*included, *own))
+    size = np.array([n.size for n in fitted.included[len(included):]])
+    start = fitted.design.sizes.start + sum(not n.effect.discrete for n in included)
+    precision = np.linalg.inv(fitted.design.unknowns_cov(range(start, start + len(own))))
+    shares = {k: np.array([names.get(name, 0.0) / moving[alone[name]][name] for name in alone])
+              for k, names in moving.items() if set(names) <= set(alone)}
+    chosen: list[TriedCandidate] = []
+    explained = 0.0
+    while len(chosen) < most:
+        found = {k: _best_combination(size, precision, [*(shares[t.candidate] for t in chosen), share])
+                 for k, share in shares.items() if k not in [t.candidate for t in chosen]}
+        best = max(found, key=lambda k: found[k][0], default=None)
+        if best is None or found[best][0] - explained < 2 * MARGIN:
+            break
+        (total, best_sizes), parts = found[best], [*(t.candidate for t in chosen), best]
+        gained = [*(t.gain for t in chosen), total - explained]
+        within = [float(np.clip(s, effects[k].lower, effects[k].upper)) for k, s in zip(parts, best_sizes, strict=True)]
+        chosen = [TriedCandidate(candidate=k, time_profile=profile, size=s, gain=g, whole=True)
+                  for k, s, g in zip(parts, within, gained, strict=True)]
+        explained = total
+    return fitted.theta, chosen
+
+
+def _best_combination(size: np.ndarray, precision: np.ndarray, columns: Sequence[np.ndarray]) -> tuple[float,
+                                                                                                       np.ndarray]:
+    """How much of size^T precision size the best combination of these columns explains, and that combination."""
+    E = np.column_stack(columns)
+    right = E.T @ precision @ size
+    best = np.linalg.lstsq(E.T @ precision @ E, right, rcond=None)[0]
+    return float(right @ best), best
 
 
 def _group_by_effect_and_kind(problem: DiagnosisProblem, candidates: np.ndarray) -> list[list[int]]:

@@ -20,6 +20,7 @@ from probupdate.diagnosis.fitting import (
     noise_of,
 )
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.proposals import changed_together
 from probupdate.diagnosis.search import drawn_scores, search
 from probupdate.structure.load import load_model
 
@@ -198,6 +199,22 @@ def test_two_braces_at_one_step_of_which_each_alone_is_fitted_in_vain_are_named(
     line = run.run_one(prepared(case), case, pattern, 23, "step")
     row.equal(line["judged"], "right", "judged")
     row.error([f["size"] + 0.5 for f in line["findings"]], 0.1, "size")
+
+
+def test_storeys_of_which_neither_alone_explains_much_are_found_together(prepared, validation):
+    """Step by step one of them was found, whose fit did not settle: all of the structure that may have changed since
+    the step is asked at once, of which few are large."""
+    row = validation(what="two storeys' braces lost at a step, of which neither alone explains much: the first "
+                          "two that changed together; named in all; sizes less one", reference="the pattern")
+    case, pattern = DEFINED[1, 2]
+    problem, theta = diagnosis_problem(prepared(case), cases.record(case, pattern, 28, time_profile="step"))
+    profile = next(c for c in problem.time_profiles if c.kind == "step" and c.at == 8)
+    rows = [k for k, (_, c) in enumerate(problem.which) if problem.time_profiles[c] is profile]
+    _, parts = changed_together(problem, (), rows, profile, 3)
+    row.equal({problem.effects[problem.which[t.candidate, 0]].location for t in parts[:2]}, pattern.places, "together")
+    line = run.run_one(prepared(case), case, pattern, 28, "step")
+    row.equal(line["judged"], "right", "judged")
+    row.error([f["size"] - 1 for f in line["findings"]], 0.05, "size")
 
 
 @pytest.fixture(scope="module")

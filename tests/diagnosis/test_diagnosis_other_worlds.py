@@ -20,7 +20,7 @@ from probupdate.runtime.executors import SERIAL
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "other_worlds"))
 from campaigns import write_campaign
-from records import KINDS, draw_record
+from records import KINDS, Scene, draw_record, measured
 from worlds import draw_world, modes
 
 
@@ -152,6 +152,23 @@ def test_a_fit_that_began_badly_is_made_again_from_a_better_place(monkeypatch, v
     # and never exchanged for a worse one
     hypotheses.fit_moves(None, SimpleNamespace(log_posterior=2e4), moves, known, noise_anew=True, runs=SERIAL)
     assert made == [(0,), (0,), (1,)] and known[other] is before[other]
+
+
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
+def test_three_parts_that_lose_a_fifth_at_once_are_named(number, tmp_path, validation):
+    """Any two of them were named by themselves; of three the third was hidden by what is not known of the other two,
+    and the verdict was *unexplained*."""
+    row = validation(what="three parameters of a structure drawn at random that lose a fifth at one step: verdict, "
+                          "places; sizes", reference="what was hidden", why="three standard deviations")
+    rng = np.random.default_rng([number, 3])
+    world = draw_world({0: "storeys", 1: "mast"}[number % 4], rng)
+    names = {str(name) for name in rng.choice(sorted(world.parts), 3, replace=False)}
+    sound, after = world.stiffness({}), world.stiffness(dict.fromkeys(names, 0.8))
+    data = measured(Scene(world=world, state=lambda k: (sound if k < 20 else after, world.mass), n=40), rng)
+    found = probupdate.diagnose(prepare(world.write(tmp_path), sensors=world.sensors), data, extend=False)
+    row.equal((found.verdict, {f.location for f in found.findings}), ("named", names), "named", case=number)
+    for f in found.findings:
+        row.error((f.size + 0.2) / f.size_std, 3, "size", case=number)
 
 
 def test_without_a_model_or_places_of_sensors_a_storey_that_loosens_is_unexplained():
