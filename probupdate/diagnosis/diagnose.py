@@ -64,7 +64,7 @@ from probupdate.diagnosis.search import (
     search,
 )
 from probupdate.diagnosis.time_profiles import DAY_H, DAY_STD, TIME_OF_DAY
-from probupdate.diagnosis.wording import error_words
+from probupdate.diagnosis.wording import NOT_SETTLED, error_words
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.io.result_table import plural
@@ -89,7 +89,6 @@ FARTHEST = 6.0
 ODD_DAY = 0.05
 NOT_TESTED = ("too few effects span the residuals' directions: of the residuals only the mean frequencies were "
               "tested")
-NOT_SETTLED = "the fit did not converge: the residuals are too large for the model to follow"
 NO_PLACES = ("where the sensors are is not known: rotations, clocks, filters and the sampling rate were not looked "
              "for; give node_position_m, dof_node and dof_direction in the model, or --campaign")
 ALIKE_SHAPES = "measured shapes of modes that the model distinguishes are the same, so that they carry no information"

@@ -37,6 +37,7 @@ SELDOM = 0.01
 ALONE = 0.999
 # what stands before the commands that estimate with the findings
 WITH_FINDINGS = "to estimate with the findings"
+NOT_SETTLED = "the fit did not converge: the residuals are too large for the model to follow"
 # standard deviations from which a mode is said to show what a sensor does to it
 SHOWN = 2.0
 
@@ -232,6 +233,9 @@ def verdict_words(content: Mapping) -> str:
     if verdict == "unexplained" and lacking and (content.get("p_value") or 0.0) >= SELDOM:
         return (f"The modes that the model has agree with it ({p}), but it lacks one that is in most sets, and no "
                 "listed cause has it: numbers from an update of this model carry an unknown error.")
+    if verdict == "unexplained" and NOT_SETTLED in content.get("notes", ()):
+        return (f"Model and measurement disagree ({p}) where the fit ended, but it did not converge: a better one may "
+                "explain all of it; see what misfit `probupdate update` leaves.")
     if verdict == "unexplained":
         rest = "and not all of it has a listed cause" if findings else "and no listed cause explains it"
         meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""

@@ -9,7 +9,7 @@ import pytest
 import probupdate
 from probupdate.diagnosis import ranking, wording
 from probupdate.diagnosis.adequacy import ADEQUATE, FREQUENCIES, SHAPES, adequacy, frequencies_off, shapes_off
-from probupdate.diagnosis.diagnose import NO_PLACES, NOT_SETTLED, NOT_TESTED, diagnose, examine
+from probupdate.diagnosis.diagnose import NO_PLACES, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, promised_evidence, sizes_std
 from probupdate.diagnosis.expected import local_at, residuals_at, residuals_of_sizes
 from probupdate.diagnosis.fitting import (
@@ -211,7 +211,7 @@ def test_a_fit_that_runs_out_of_steps_is_unexplained_and_not_an_error(prepared, 
     outcome = examine(prepared, record(5, gain=("y4", 1.12)))
     assert not outcome.fitted.settled and outcome.fitted.steps == 1
     assert outcome.diagnosis.verdict == "unexplained" and not outcome.diagnosis.findings
-    assert NOT_SETTLED in outcome.diagnosis.notes
+    assert wording.NOT_SETTLED in outcome.diagnosis.notes
 
 
 @pytest.mark.parametrize(("alarms", "hidden", "verdict"), [

@@ -72,6 +72,11 @@ def test_what_is_unexplained_by_its_notes_is_not_said_to_be_beyond_chance(diagno
     assert "may be chance (p = 0.77), by the notes it is not" in noted and "beyond" not in noted
 
 
+def test_a_fit_that_did_not_converge_is_no_disagreement_beyond_chance(diagnosis_of):
+    said = wording.verdict_words(diagnosis_of("unexplained") | {"p_value": 1e-60, "notes": [wording.NOT_SETTLED]})
+    assert "a better one may explain all of it" in said and "beyond" not in said
+
+
 def test_what_to_do_names_the_extended_model_and_its_modes(full_run, diagnosis_of):
     content = diagnosis_of("named") | {"extended_model": "diagnosis.model.toml"}
     extension = {"added": [], "files": {"mean": "diagnosis.mean.json"}}
