@@ -36,8 +36,6 @@ LARGEST_JUMP = CONSTANTS.largest_jump
 OF_A_LINE = 2e-4
 # times the Cramer-Rao bound that a mode's frequency scatters at most
 STEADY = 4.0
-# of which something is known by themselves
-FEWEST_STEPS = 4
 # MAC from which two directions of so few channels are one: by chance in one of 15 to 40
 ALIKE_OF_FEW = {1: 1.1, 2: 0.99, 3: 0.95}
 SAME_MODE, DOUBLE = CONSTANTS.same_mode, CONSTANTS.double
@@ -357,7 +355,7 @@ class _Persistence:
             inside = candidates.at(rows[mine])
             weight = _block_weight(inside, self.n_block)
             if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
-                    and _steady(inside, self.n_block, self.block_seconds)):
+                    and _steady(inside, self.block_seconds)):
                 found.append(_cluster(candidates, rows[mine], float(weight.sum())))
         return found
 
@@ -397,14 +395,13 @@ def _cluster(c: Candidates, rows: np.ndarray, weight: float) -> _Cluster:
                     damping=float(np.median(c.damping[rows])), weight=weight)
 
 
-def _steady(inside: Candidates, n_block: int, block_seconds: float) -> bool:
+def _steady(inside: Candidates, block_seconds: float) -> bool:
     """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as
-    a wave's period or a pole of noise does; asked where five blocks or more have it, or fewer than half. What a record
-    can show at best is the Cramer-Rao bound."""
+    a wave's period does; asked of five blocks or more. What a record can show at best is the Cramer-Rao bound."""
     if np.ptp(np.quantile(inside.ln_frequency, [0.1, 0.9])) > LARGEST_SPREAD:
         return False
     blocks = np.unique(inside.block)
-    if 2 * len(blocks) >= n_block and (len(blocks) < 5 or len(inside.shape) < 3):
+    if len(blocks) < 5 or len(inside.shape) < 3:
         return True
     # of one direction: the two of a pair have each their own frequency
     best = [mine[np.argmax(inside.share[mine])] for mine in (np.flatnonzero(inside.block == k) for k in blocks)]
@@ -414,15 +411,12 @@ def _steady(inside: Candidates, n_block: int, block_seconds: float) -> bool:
         if alike.max() >= NEAR_MAC:
             mate = np.flatnonzero(inside.block == inside.block[b])[np.argmax(alike)]
             steps.append(inside.ln_frequency[mate] - inside.ln_frequency[a])
-    return stays(np.array(steps), np.exp(np.median(inside.ln_frequency)), np.median(inside.damping), block_seconds,
-                 fewest=1 if 2 * len(blocks) < n_block else FEWEST_STEPS)
+    return stays(np.array(steps), np.exp(np.median(inside.ln_frequency)), np.median(inside.damping), block_seconds)
 
 
-def stays(
-    steps: np.ndarray, frequency_hz: float, damping: float, block_seconds: float, fewest: int = FEWEST_STEPS
-) -> bool:
-    """Whether steps of ln f from one block to the next are those of a mode; fewer than the `fewest` are."""
-    if len(steps) < fewest:
+def stays(steps: np.ndarray, frequency_hz: float, damping: float, block_seconds: float) -> bool:
+    """Whether steps of ln f from one block to the next are those of a mode; so few that nothing is known are."""
+    if len(steps) < 4:
         return True
     scatter = 1.4826 * np.median(np.abs(steps)) / np.sqrt(2)
     bound = np.sqrt(damping / (4 * np.pi * frequency_hz * block_seconds))
