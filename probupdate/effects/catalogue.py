@@ -404,12 +404,15 @@ def positions(
     placed: Sequence[Sensor], row: Mapping[str, int]
 ) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
     """Of sensors at one place what their channels' names share (all of them, where those of another place share as
-    much), their rows, and themselves."""
+    much or a channel is called so), their rows, and themselves."""
     found = [[placed[k] for k in there] for there in sensors_by_place(placed)]
     channels = [tuple(s.channel for s in there) for there in found]
     short = [_common(names) for names in channels]
-    return [(one if short.count(one) == 1 else _list_words(names), tuple(row[name] for name in names), there)
-            for one, names, there in zip(short, channels, found, strict=True)]
+    taken = [*short, *(s.channel for s in placed)]
+    called = [_list_words(names) if len(names) > 1 and taken.count(one) > 1 else one
+              for one, names in zip(short, channels, strict=True)]
+    return [(one, tuple(row[name] for name in names), there)
+            for one, names, there in zip(called, channels, found, strict=True)]
 
 
 def _common(names: tuple[str, ...]) -> str:

@@ -3,5 +3,5 @@
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "conditions", "damping", "draws", "export", "fatigue_files", "gauges", "load_estimate", "measured_stress",
-    "reliability", "spectral", "stress", "stress_files", "superelement",
+    "reliability", "spectral", "stress", "stress_files", "superelement", "wave_loads",
 ]

@@ -7,8 +7,8 @@ angle.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -18,7 +18,10 @@ from probupdate.lifetime import efthymiou
 from probupdate.lifetime.conditions import Conditions, Efthymiou, Factors, Sides
 from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
+from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Values
+from probupdate.structure.description import Description
+from probupdate.structure.description import Section as Station
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.schema import nearest
 
@@ -183,7 +186,16 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
     )
 
 
-def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
+def _tube_at(tube: Tube, stations: Sequence[Station], z_m: float) -> Tube:
+    """An element's tube with the size of its own end: elements between stations have that of their middle."""
+    if not stations:
+        return tube
+    diameter, wall = (np.interp(z_m, [s.z_m for s in stations], [getattr(s, name) for s in stations])
+                      for name in ("diameter_m", "thickness_m"))
+    return replace(tube, diameter_m=float(diameter), thickness_m=float(wall))
+
+
+def girth(frame: Frame, tapers: Mapping[str, Sequence[Station]], part: str, z_m: float, where: str) -> Detail:
     """The end of an element of `part` nearest to the level; place 1 looks along x, the angle counts
     counter-clockwise."""
     ends = [
@@ -224,12 +236,14 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
         saddle=frozen_array(np.cross(upward, crown)),
         beam=b,
         chord=None,
-        section=b.tube,
+        section=_tube_at(b.tube, tapers.get(part, ()), level),
         place_m=frozen_array((start, stop)[end]),
     )
 
 
-def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
+def find_details(
+    d: Description, frame: Frame, conditions: Conditions, where: str
+) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
     """What [[joint]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same side."""
     refuse_tables(conditions, where, "member_end", "site", reason="is for SubDyn models; this one is a model.toml's")
     ends = brace_ends(frame)
@@ -240,16 +254,17 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
                 f"{where}: joint[{k + 1}]",
                 entry,
                 [
-                    d
-                    for d in ends
-                    if d.at == entry.at
-                    and (not entry.bay or d.bay in entry.bay)
-                    and (not entry.leg or d.leg in entry.leg)
-                    and (entry.end == "all" or d.upper == (entry.end == "upper"))
+                    one
+                    for one in ends
+                    if one.at == entry.at
+                    and (not entry.bay or one.bay in entry.bay)
+                    and (not entry.leg or one.leg in entry.leg)
+                    and (entry.end == "all" or one.upper == (entry.end == "upper"))
                 ],
             )
         )
-    welds = [[girth(frame, e.part, e.z_m, f"{where}: girth[{k + 1}]")] for k, e in enumerate(conditions.girth)]
+    welds = [[girth(frame, d.tapers, e.part, e.z_m, f"{where}: girth[{k + 1}]")]
+             for k, e in enumerate(conditions.girth)]
     return hot_spots(conditions, chosen, ends, welds)
 
 
@@ -294,7 +309,7 @@ def hot_spots(
                         "let each end be chosen once",
                     )
                 sides.add((at, side))
-                tube = (detail.beam if side == "brace" else _chord(detail)).tube
+                tube = detail.section if side == "brace" else _chord(detail).tube
                 spots += _round(at, side, factors, entry.curve, _thickness(conditions, entry.curve, tube.thickness_m))
     for entry, found in zip(conditions.girth, welds, strict=True):
         by = Factors(
@@ -302,7 +317,7 @@ def hot_spots(
         )
         for detail in found:
             at = index(detail)
-            wall = detail.beam.tube.thickness_m
+            wall = detail.section.thickness_m
             # inner and outer toe of one weld are two
             before = sum(where == at for where, _ in sides)
             side = f"weld {before + 1}" if before else "weld"

@@ -167,7 +167,7 @@ def fatigue_model(
     the `spectra` that its states name (state -> Hz, N^2/Hz)."""
     known, path, spectra = _read_conditions(conditions, spectra)
     frames = [build_frame(description, d.heading_deg) for d in known.direction]
-    details, spots = find_details(frames[0], known, str(path or where))
+    details, spots = find_details(description, frames[0], known, str(path or where))
     models = tuple(
         stress_model(
             description,

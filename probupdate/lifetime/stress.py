@@ -4,8 +4,9 @@
 operating rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with
 drag linearised for the sea state (Borgman 1967: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or
 quasi-steady thrust at the hub. Member forces are what the element's own stiffness and mass make of q, less the load on
-it, divided by A and I / R. MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor
-waves above 0.6 Hz: they are shorter than 4.3 m, where Morison's load no longer holds for a leg.
+it, divided by A and I / R. Where the model has the weight's softening q has it too: the leaning weight adds its moment.
+MacCamy-Fuchs, buoyancy, run-up and rotor harmonics are not in it, nor waves above 0.6 Hz: they
+are shorter than 4.3 m, where Morison's load no longer holds for a leg.
 
 All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is
 left out, `fatigue.basis_error` reports at others.
@@ -34,7 +35,6 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import STEP, AffineModel
 from probupdate.structure.assembly import beam_stiffness, carried_mass, steel_mass, transformation
-from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
 from probupdate.structure.description import Description, Offshore, described_sensors
 from probupdate.structure.frame import Frame
@@ -556,10 +556,7 @@ def stress_model(
     )
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}
-    details = tuple(
-        replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
-        for d in details
-    )
+    details = tuple(replace(d, beam=frame.beams[d.number]) for d in details)
     updated = tuple(model.parameters.names)
     collected = _force_terms(frame, details, description.mesh.theory, updated, values)
     size = (3 * len(details), transform.shape[0])
@@ -605,18 +602,6 @@ def _force_terms(
             for dofs, matrix, coefficient in contributions:
                 collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
     return collected
-
-
-def _section(d: Description, detail: Detail, tube: Tube) -> Tube:
-    """The element's, but of the tower that of the weld's own level: its elements take the section of their middle."""
-    if detail.part != "tower":
-        return tube
-    z, stations = detail.level_m, d.tower.station
-    return replace(
-        tube,
-        diameter_m=float(np.interp(z, [s.z_m for s in stations], [s.diameter_m for s in stations])),
-        thickness_m=float(np.interp(z, [s.z_m for s in stations], [s.thickness_m for s in stations])),
-    )
 
 
 def _sparse(entries, size) -> sparse.csr_array:

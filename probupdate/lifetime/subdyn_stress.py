@@ -101,8 +101,9 @@ class OpenedModel:
             raise InputError(where, f"[group.{group}] is not of circular members: {what}", "stress needs their section")
         return ids
 
-    def tube(self, element: Element) -> SubDynTube:
-        id, (_, (diameter, wall)) = element.member.id, sizes_at(self.file, element)
+    def tube(self, element: Element, end: int | None = None) -> SubDynTube:
+        """Of an element's middle, or of an end."""
+        id, (_, (diameter, wall)) = element.member.id, sizes_at(self.file, element, end)
         return SubDynTube(
             diameter_m=float(diameter),
             thickness_m=float(wall),
@@ -211,7 +212,7 @@ def _detail(own: OpenedModel, number: int, end: int, joint: int, chord: Element 
         axis = axis * (1.0 if axis[2] >= 0 else -1.0)
         crown = axis - along * (axis @ along)
         saddle = np.cross(-along if end else along, crown / np.linalg.norm(crown))
-    tube = own.tube(element)
+    tube = own.tube(element, end)
     at = f"joint {joint}" if joint else f"{place[2]:.2f} m"
     return Detail(
         name=f"{name}, {at}",

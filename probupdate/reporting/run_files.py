@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import io
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
@@ -18,7 +17,7 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import read_bytes, read_json_table, read_own_text, read_toml, resolve_path, sha256
+from probupdate.io.files import read_bytes, read_json_table, read_toml, resolve_path, sha256
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes, set_words
 from probupdate.model.interface import Model
@@ -157,6 +156,16 @@ def run_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[st
     return _places(folder, head) | ({} if parameters is None else {"parameters": parameters}) | dict(given)
 
 
+def finished_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[str, Path]:
+    """As `run_places`, of a run that has a model and a posterior. Raises InputError for others."""
+    places = run_places(folder, given)
+    for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
+                         ("posterior.nc", "run `probupdate sample`")):
+        if name not in places:
+            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
+    return places
+
+
 def _refuse_absent(given: Mapping[str, Path]) -> None:
     for name, path in given.items():
         if not path.exists():
@@ -213,7 +222,7 @@ def _title(
 
 def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
     with parsing(str(path), "not a table", "write it again, or remove it"):
-        table = pd.read_csv(io.StringIO(read_own_text(path, "write it again, or remove it")))
+        table = pd.read_csv(path, keep_default_na=True)
     for column in needed:
         if column not in table:
             raise InputError(str(path), f"has no column '{column}'", "write it again, or remove it")

@@ -259,6 +259,11 @@ class Description(Table):
         """Parameters of the whole structure that act in this one."""
 
     @property
+    def tapers(self) -> dict[str, tuple[Section, ...]]:
+        """Parts whose size changes linearly between stations, from below upwards."""
+        return {"tower": self.tower.station}
+
+    @property
     def effects(self) -> tuple[ParameterEntry, ...]:
         """The parameters that act at a place of their own."""
         return tuple(p for p in self.parameter if p.kind is not None)
@@ -323,6 +328,10 @@ class OnMonopile(Offshore):
     def own_parameters(self) -> tuple[str, ...]:
         piece = () if self.transition_piece is None else ("k_TP", "k_c")
         return ("k_t", *piece, "k_p", "sc", "corr", "mg", "a_m", "m_h", "py", "tz", "qw")
+
+    @property
+    def tapers(self) -> dict[str, tuple[Section, ...]]:
+        return super().tapers | {"monopile": self.monopile.station}
 
     @property
     def pile_tip_m(self) -> float:

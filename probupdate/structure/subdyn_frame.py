@@ -437,11 +437,13 @@ def _free(file: SubDynFile, node_of, translation, joints, links, acted: np.ndarr
     return np.array([c for c in range(moved.shape[1]) if c not in held and moving[c]])
 
 
-def sizes_at(file: SubDynFile, element: Element) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """E, G, density and the sizes of a beam element, averaged between its ends as SubDyn does."""
+def sizes_at(
+    file: SubDynFile, element: Element, end: int | None = None
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """E, G, density and the sizes of a beam element, averaged between its ends as SubDyn does, or those at an end."""
     one, two = (file.set_of(element.member, side).values for side in (0, 1))
-    middle = 0.5 * (element.share[0] + element.share[1])
-    return one[:3], tuple(a + (b - a) * middle for a, b in zip(one[3:], two[3:], strict=True))
+    at = 0.5 * (element.share[0] + element.share[1]) if end is None else element.share[end]
+    return one[:3], tuple(a + (b - a) * at for a, b in zip(one[3:], two[3:], strict=True))
 
 
 def section_at(file: SubDynFile, element: Element) -> Section:

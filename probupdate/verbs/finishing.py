@@ -19,7 +19,7 @@ from probupdate.io.files import sha256
 from probupdate.io.result_table import files_table
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
-from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.reporting.run_files import finished_places
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, rising, silent
 from probupdate.structure.load import load_model, model_files
@@ -30,7 +30,7 @@ from probupdate.updating.joint_set import joint_set
 from probupdate.updating.posterior_file import Posterior, read_posterior
 from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.verbs.estimating import Case, compared_modes, refuse_other_kinds
-from probupdate.verbs.models import GivenModel, ModelAt, model_path
+from probupdate.verbs.models import GivenModel, ModelAt, model_path, parts_elsewhere
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -139,11 +139,7 @@ def export(
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
     folder = Path(run)
-    places = run_places(folder, _parts_elsewhere(**elsewhere))
-    for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
-                         ("posterior.nc", "run `probupdate sample`")):
-        if name not in places:
-            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
+    places = finished_places(folder, parts_elsewhere(**elsewhere))
     parameters = places.get("parameters")
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
@@ -164,12 +160,6 @@ def export(
         results, Path(out), settings, progress=progress,
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, results.problem,
                                                                results.posterior))
-
-
-def _parts_elsewhere(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
-    """Parts of a run that lie elsewhere -> where."""
-    given = {"model": None if model is None else model_path(model), "parameters": parameters}
-    return {name: Path(path) for name, path in given.items() if path is not None}
 
 
 def _sampled_problem(

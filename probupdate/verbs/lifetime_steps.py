@@ -11,8 +11,9 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.modal.modes import ModalData, read_modes
-from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.reporting.run_files import finished_places
 from probupdate.runtime.progress import Progress, silent
+from probupdate.verbs.models import parts_elsewhere
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +56,7 @@ class StressStep:
 def stresses(
     campaign: str | Path, run: str | Path, fatigue: str | Path, *, without: Sequence[str] | None = None,
     gauges: str | Path | GaugeFiles | None = None, draws: int = 8, worst: int = 6, accept: bool = False, seed: int = 1,
-    progress: Progress = silent,
+    progress: Progress = silent, **elsewhere: str | Path | None,
 ) -> StressStep:
     """Stress histories, damage-equivalent ranges and damage at every hot spot of fatigue.toml, of what a campaign
     measured, through the model of a run at its posterior.
@@ -64,7 +65,8 @@ def stresses(
     which take no part in the estimate and are held against it, or `lifetime.gauges.GaugeFiles`, which names one of
     gauges that join the accelerations too; draws: of the posterior, for its uncertainty; worst: hot
     spots whose history is written and counted by rainflow. A run that did not converge, whose diagnosis is unexplained
-    or found the structure to change, or a channel that is used to be wrong, needs `accept`.
+    or found the structure to change, or a channel that is used to be wrong, needs `accept`. elsewhere: `model`,
+    `parameters`, where these lie, if not in the run's directory, as of `report`.
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
     from probupdate.diagnosis.faulty_channels import faulty_channels
@@ -77,10 +79,7 @@ def stresses(
     from probupdate.updating.posterior_file import read_posterior
 
     folder = Path(run)
-    places = run_places(folder)
-    for name, remedy in (("model", "put model.toml there"), ("posterior.nc", "run `probupdate sample`")):
-        if name not in places:
-            raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
+    places = finished_places(folder, parts_elsewhere(**elsewhere))
     refuse_without_members(places["model"])
     records = read_campaign(campaign)
     if unknown := [c for c in without or () if c not in records.channels]:

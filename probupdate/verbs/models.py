@@ -33,6 +33,12 @@ def model_path(model: str | Path) -> Path:
     return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
 
 
+def parts_elsewhere(model: str | Path | None = None, parameters: str | Path | None = None) -> dict[str, Path]:
+    """Parts of a run that lie elsewhere -> where."""
+    given = {"model": None if model is None else model_path(model), "parameters": parameters}
+    return {name: Path(path) for name, path in given.items() if path is not None}
+
+
 def refuse_no_model(model: object) -> None:
     """Raises InputError for what is neither a file's path nor a model."""
     if isinstance(model, str | Path) or (hasattr(model, "solve") and hasattr(model, "parameters")):

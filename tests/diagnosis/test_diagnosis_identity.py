@@ -12,7 +12,9 @@ from probupdate.diagnosis.free_form import free_form
 from probupdate.diagnosis.part_places import words_of
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.wording import channel_response_actions
+from probupdate.effects.catalogue import measurement_effects
 from probupdate.effects.turbine import turbine_effects
+from probupdate.modal.modes import Sensor
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import reference_model
 from probupdate.structure.parameter_table import read_toml
@@ -49,6 +51,17 @@ def test_words_of_places():
     assert words_of(points, lambda point: next(face), 0.14) == [
         "leg A, at (0.000, 0.000, 0.020) m, no. 1", "leg A, at (0.000, 0.000, 0.020) m, no. 2", "face AB",
         "leg A, at (0.100, 0.000, 0.120) m"]
+
+
+@pytest.mark.parametrize("channels", [("H10 (V1)", "H10", "V1", "v1"), ("TP", "TP-x", "top-x", "top-y"),
+                                      ("T", "T1", "T 1", "T-1")])
+def test_a_place_of_sensors_is_not_called_as_a_channel(channels):
+    sensors = [Sensor(channel=c, level="deck", position_m=np.array([0.0, 0.0, 10.0 * (k // 2)]),
+                      direction=np.eye(3)[k % 2]) for k, c in enumerate(channels)]
+    rows = measurement_effects(channels, sensors)
+    words = Counter((row.cause, row.location) for row in rows)
+    assert max(words.values()) == 1
+    assert any(row.location == f"{channels[0]} and {channels[1]} about z" for row in rows)
 
 
 def test_channels_to_leave_out_are_named_as_the_command_takes_them():

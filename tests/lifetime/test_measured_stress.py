@@ -280,6 +280,18 @@ def test_mistakes_are_named_before_the_work(case, capsys, monkeypatch, change, w
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("elsewhere", "words"), [([], "or name it (--model)"),
+                                                  (["--model", "run/model.toml"], "'T99-x' is not a channel")])
+def test_the_model_may_lie_outside_the_run(case, capsys, tmp_path, monkeypatch, elsewhere, words):
+    """What is refused after the model is found says that it is."""
+    folder, _ = case
+    monkeypatch.chdir(folder)
+    shutil.copy(folder / "run" / "posterior.nc", tmp_path)
+    assert main(["stresses", "campaign", "--run", str(tmp_path), "--fatigue", "fatigue.toml", "--out", "new",
+                 "--without", "T99-x", *elsewhere]) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_channels_that_are_not_the_models_are_an_error(case, capsys, tmp_path):
     folder, _ = case
     other = tmp_path / "campaign"
@@ -362,6 +374,27 @@ def test_loads_given_readings_are_those_of_the_dense_gaussian(structure):
         expected = D @ H[k].conj().T @ root @ np.linalg.solve(root @ S @ root, root @ y[k])
         std = np.sqrt(one.load[:, k])
         np.testing.assert_allclose(found[:, k] / std, expected / std, atol=1e-6)
+
+
+@pytest.mark.parametrize("times", [1e2, 1e4, 1e6])
+def test_a_mode_that_shakes_far_more_than_stated_is_in_the_stress(structure, times):
+    """Forces of many times the stated density stayed noise: a second bending mode was not in the history."""
+    rng = np.random.default_rng(4)
+    n, mode = len(structure.frequency_hz), structure.names.index("mode 4")
+    of_mode = float(np.sqrt(structure.modes.value[3]) / (2 * np.pi))
+    H = structure.read(np.arange(n))
+    density = np.array(structure.stated)
+    density[mode] *= times
+    p = np.sqrt(density) * drawn(rng, len(density), n)
+    y = np.einsum("lci,il->lc", H, p)
+    noise = 1e-2 * np.sqrt(np.mean(np.abs(y) ** 2))
+    y = y + noise * drawn(rng, *y.shape)
+    one = smoother(structure, y[:, :, None] * np.conj(y[:, None, :]), np.arange(H.shape[1]))
+    near = np.abs(structure.frequency_hz / of_mode - 1) < 0.03
+    found, true = (structure.stress(load)[:, near] for load in (one.estimate(y), p))
+    worst = np.argmax(np.sum(np.abs(true) ** 2, axis=1))
+    left = np.sum(np.abs(found[worst] - true[worst]) ** 2) / np.sum(np.abs(true[worst]) ** 2)
+    assert left < 0.05
 
 
 def test_a_load_that_no_sensor_sees_keeps_its_stated_density(structure):

@@ -100,7 +100,7 @@ def test_thickness_is_in_damage_and_not_in_stress(whole):
     reference = 0.01
     thick = model(lambda raw: raw["curve"]["T"].update(reference_thickness_m=reference))
     welds = [k for k, s in enumerate(thick.spots) if s.side == "weld"]
-    wall = thick.details[thick.spots[welds[0]].detail].beam.tube.thickness_m
+    wall = thick.details[thick.spots[welds[0]].detail].section.thickness_m
     stresses_of = [m.picked(welds).reduced([]).solve(m.parameters.initial) for m in (whole, thick)]
     np.testing.assert_allclose(stresses_of[1].moments, stresses_of[0].moments, rtol=1e-9)
     # DNV-RP-C203, eq. 2.4.3: every range as if it were (t / t_ref)^k times as large
