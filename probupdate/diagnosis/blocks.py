@@ -173,7 +173,8 @@ def _refuse_zero_shapes(where: str, ids: Sequence[str], shape: np.ndarray) -> No
 
 
 def gather(
-    data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None, alone: Sequence[str] = ()
+    data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None, alone: Sequence[str] = (),
+    resting_deg: float = 0.0,
 ) -> Blocks:
     """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left.
 
@@ -222,7 +223,8 @@ def gather(
         ids=tuple(s.id for s in sets), hours=frozen_array(hours),
         channels=tuple(data.channels[k] for k in kept_channels), labels=names, groups=groups,
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex),
-        angle_deg=frozen_array(np.nan_to_num(angle)), environment=tuple(dict(s.environment) for s in sets),
+        angle_deg=frozen_array(np.where(np.isnan(angle), resting_deg, angle)),
+        environment=tuple(dict(s.environment) for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), factors=factors,
         notes=tuple(notes), few=few, std_alone=not any(s.covariance_factors is not None for s in sets),
     )

@@ -30,6 +30,7 @@ from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.matrices import channel_places
+from probupdate.structure.subdyn_model import is_subdyn, resting_angle_deg, turns_nacelle
 
 # modes looked through for the measured ones
 N_MODE = 7
@@ -51,6 +52,11 @@ class Prepared:
     sensors: tuple[Sensor, ...]
     description: Description | None
     discrepancy: float | None = None
+
+    @property
+    def resting_deg(self) -> float:
+        """Where the nacelle looks in the model's file as it is, from the model's x axis."""
+        return resting_angle_deg(self.path)
 
     def reading(self, data: ModalData) -> Prepared:
         """With what the modal sets state of their channels' gravity in place of what the sensors do."""
@@ -98,7 +104,8 @@ def prepare(
         if added:
             raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} cannot hold",
                              "name parameters that the model has (`parts`), or export it as model.toml")
-        return _prepare_matrices(path, model, own, _places(path, model, sensors))
+        models = [model] if of_matrices else _at_every_turn(path, model, parameters, sensors)
+        return _prepare_matrices(path, models, own, _places(path, model, sensors))
     description = read_description(path)
     placed = tuple(s.stated(felt) for s in (described_sensors(description) if sensors is None else sensors))
     catalogue = (*turbine_effects(description, sensors=placed), *added)
@@ -178,13 +185,24 @@ def of_channels_tried(
     return with_reversed_gravity(model, [(p.parameter, channels) for p, channels in added]), (*effects, *rows)
 
 
+def _at_every_turn(
+    path: Path, model: AffineModel, parameters: Parameters | None, sensors: Sequence[Sensor] | None
+) -> list[AffineModel]:
+    """The model of a SubDyn file at all TURNS_DEG where its nacelle turns, else as it is."""
+    if not (is_subdyn(path) and turns_nacelle(path)):
+        return [model]
+    return [load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle) for angle in TURNS_DEG]
+
+
 def _prepare_matrices(
-    path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
+    path: Path, models: Sequence[AffineModel], own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
 ) -> Prepared:
-    n_mode = min(max(N_MODE, 20), model.n_available)
-    moved, of_channels = of_channels_tried(path, model, sensors)
+    """models: at all TURNS_DEG where they have a nacelle that turns."""
+    model, n_mode = models[0], min(max(N_MODE, 20), models[0].n_available)
+    tried = [of_channels_tried(path, one, sensors) for one in models]
+    moved, of_channels = tried[0]
     reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
-    small = small_model([moved], n_mode=n_mode, effects=(), reach=reach)
+    small = small_model([moved, *(one.sharing(moved) for one, _ in tried[1:])], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
                     effects=(*parameter_effects(model.parameters), *of_channels, temperature_effect()), own=own,
                     sensors=sensors, description=None)

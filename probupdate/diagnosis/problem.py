@@ -253,7 +253,7 @@ def diagnosis_problem(
     scores = unit_scores(prepared.small, measured, theta, unmatched, UNITS)
     if scores.max() > max(scores[0] + OTHER_UNIT_BY, UNIT_FITS * (2 if measured.channels else 1)):
         refuse_another_unit("modes", [UNITS[int(np.argmax(scores))]])
-    blocks = gather(data, expected_hz=expected, alone=tuple(unmatched))
+    blocks = gather(data, expected_hz=expected, alone=tuple(unmatched), resting_deg=prepared.resting_deg)
     predictor = build_predictor(prepared.small, blocks, theta, unmatched)
     _refuse_another_order(data, blocks.channels, prepared.small, theta)
     effects = prepared.effects_on(blocks.channels, float(np.nanmax(np.nanmedian(blocks.frequency_hz, axis=0))))

@@ -152,11 +152,11 @@ class TurbineUncertainty:
     path: Path
     parameters: Parameters
     sensors: tuple[Sensor, ...]
-    nacelle_angle_deg: float
+    nacelle_angle_deg: float | None
     description: Description = field(repr=False)
 
     @classmethod
-    def of(cls, path: Path, model: Model, sensors, nacelle_angle_deg: float) -> TurbineUncertainty:
+    def of(cls, path: Path, model: Model, sensors, nacelle_angle_deg: float | None) -> TurbineUncertainty:
         """Of a model that was loaded from `path`."""
         description = read_description(path)
         placed = sensors if sensors is not None else described_sensors(description)

@@ -48,12 +48,14 @@ class RigidBody:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ElastoDyn:
-    """`yaw_deg` (NacYaw) is in rotor_nacelle already. `platform`: what SubDyn's interface carries, None without mass
-    and inertia. `notes`: what of the files would change stiffness or mass and is not used."""
+    """`yaw_deg` (NacYaw) is in rotor_nacelle already; `looks_deg`: where the nacelle looks, counter-clockwise from x,
+    which points downwind (OverHang is below zero upwind). `platform`: what SubDyn's interface carries, None without
+    mass and inertia. `notes`: what of the files would change stiffness or mass and is not used."""
 
     tower: Tower
     rotor_nacelle: RigidBody
     yaw_deg: float
+    looks_deg: float
     platform: RigidBody | None
     notes: tuple[str, ...]
 
@@ -67,7 +69,8 @@ class _Keys:
         self.found, self.used, self.files = {}, set(), [self]
         for at, line in enumerate(self.lines, 1):
             parts = words(line)
-            if len(parts) > 1:
+            # a heading may have a key's name: ------ FURLING ------
+            if len(parts) > 1 and not parts[0].startswith(("--", "==")):
                 self.found.setdefault(parts[1].lower(), (at, parts[0]))
 
     def word(self, name: str) -> tuple[int, str]:
@@ -143,6 +146,7 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
         _refuse_furling(keys)
         yaw = keys.number("NacYaw", 0.0)
         return ElastoDyn(tower=_tower(keys), rotor_nacelle=turned_body(_rotor_nacelle(keys), yaw), yaw_deg=yaw,
+                         looks_deg=yaw + (180.0 if keys.number("OverHang") < 0 else 0.0),
                          platform=_platform(keys), notes=keys.notes())
 
 

@@ -32,6 +32,7 @@ from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.subdyn_model import resting_angle_deg
 
 # nacelle headings are taken to the nearest of these steps: thrust and waves across the wind are unknowns too
 HEADING_STEP_DEG = 30.0
@@ -176,7 +177,7 @@ def measured_stresses(
     settings = settings or StressSettings()
     conditions = read_conditions(fatigue)
     spectra = thrust_spectra(conditions, fatigue)
-    planned = _plan(campaign, conditions)
+    planned = _plan(campaign, conditions, resting_angle_deg(model))
     work = _Work(campaign, model, conditions, spectra, draws, names, damping, tuple(without), settings)
     gauges = gauges or GaugeFiles()
     known, work.joined = (None if path is None else read_gauges(path, len(work.spots))
@@ -236,12 +237,14 @@ def _refuse_turned(campaign: Campaign, stated: Mapping[str, np.ndarray], channel
                              "state the sensor's direction alike in both")
 
 
-def _plan(campaign: Campaign, conditions: Conditions) -> list[_PlannedBlock]:
+def _plan(campaign: Campaign, conditions: Conditions, resting_deg: float) -> list[_PlannedBlock]:
+    """resting_deg: where the nacelle looks in the model's file, from which headings of stresses count."""
     rule = StateRule(rated_power_kw=campaign.rated_power_kw)
     found = []
     for start, files in block_files(campaign).items():
         known = block_conditions(campaign.scada, start, campaign.block_minutes, rule)
-        angle = fore_aft_deg(known, campaign)
+        # a nacelle that no column tells of looks where it does in the file
+        angle = fore_aft_deg(known, campaign) - resting_deg if known.get("nacelle_heading_deg") is not None else 0.0
         heading = HEADING_STEP_DEG * round(angle / HEADING_STEP_DEG) % 360
         found.append(_PlannedBlock(start=start, files=files, conditions=known, heading_deg=heading,
                                    state=_nearest_state(conditions, known)))
@@ -379,7 +382,8 @@ class _Work:
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")
         if all("nacelle_heading_deg" not in p.conditions for p in planned):
-            found.append("no nacelle heading is recorded: rotor and nacelle are taken to look along the model's x axis")
+            found.append("no nacelle heading is recorded: rotor and nacelle are taken to look where they do in "
+                         "the model's file")
         return found
 
 

@@ -37,6 +37,7 @@ from probupdate.structure.subdyn_model import (
     element_terms,
     group_of,
     read_description,
+    resting_angle_deg,
     targets_of,
     with_tower,
 )
@@ -280,7 +281,8 @@ def subdyn_stress_model(
             "is missing: a SubDyn file says nothing of the water and of the hub",
             "add [site] with water_density_kgpm3, gravity_mps2, mudline_m, water_level_m, growth_m and hub_offset_m",
         )
-    model = described_model(own.raw, own.path, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg)
+    model = described_model(own.raw, own.path, parameters=parameters, sensors=sensors,
+                            nacelle_angle_deg=heading_deg + resting_angle_deg(own.path))
     rows: dict[str, dict] = {"K": {}, "M": {}}
     for row, detail in enumerate(details):
         dofs, pick = own.frame.dofs[detail.number], detail.rows()

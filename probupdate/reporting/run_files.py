@@ -243,7 +243,7 @@ def _load_model(
 
     if path.suffix == ".npz" or (path.suffix == ".toml" and "matrices" in read_toml(path)):
         return load_model(path, parameters=parameters)
-    angle = 0.0 if modal_set is None else nacelle_angle_deg(modal_set.environment, f"{folder}, set {modal_set.id}")
+    angle = None if modal_set is None else nacelle_angle_deg(modal_set.environment, f"{folder}, set {modal_set.id}")
     sensors = None if campaign is None else campaign.sensors
     return load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle)
 

@@ -98,7 +98,7 @@ def extended_model(
     *,
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
-    nacelle_angle_deg: float = 0.0,
+    nacelle_angle_deg: float | None = None,
 ) -> AffineModel:
     """The turbine of a model.toml with the effects as parameters behind its own, at the centres of their priors.
 
@@ -109,7 +109,7 @@ def extended_model(
     if parameters is not None:
         parameters = _append_effects(parameters, description, effects)
     return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg)
+                         nacelle_angle_deg=nacelle_angle_deg or 0.0)
 
 
 def _append_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:

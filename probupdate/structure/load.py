@@ -57,7 +57,7 @@ def load_model(
     *,
     parameters: Parameters | str | Path | None = None,
     sensors: Sequence[Sensor] | None = None,
-    nacelle_angle_deg: float = 0.0,
+    nacelle_angle_deg: float | None = None,
 ) -> AffineModel:
     """`.toml`: a turbine by its geometry, [matrices] beside its parameters, or [subdyn] with what to update of it;
     `.npz`: matrices; `.dat`: a SubDyn file, without parameters.
@@ -65,8 +65,8 @@ def load_model(
     `parameters` replaces the updated ones of the file; for `.npz` it is needed unless `<name>.toml` or
     `parameters.toml` lies beside it. `sensors` replaces the model's own, so that it answers at any campaign's
     channels; a channel of the same name keeps the part the file gives it, others attach to the nearest one.
-    `nacelle_angle_deg` turns rotor and nacelle counter-clockwise from where the file has them (towards the model's x
-    axis); a model of matrices stands as it was exported.
+    `nacelle_angle_deg`: where the nacelle looks, counter-clockwise from the model's x axis (None: as in the file); a
+    model of matrices stands as it was exported.
     """
     path, table = Path(path), "the parameters"
     if isinstance(parameters, str | Path):
@@ -91,7 +91,7 @@ def load_model(
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters, table)
     return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg)
+                         nacelle_angle_deg=nacelle_angle_deg or 0.0)
 
 
 def _unknown_form(path: Path) -> InputError:
@@ -132,10 +132,12 @@ def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
     return _model_sensors(description) if description.sensor else ()
 
 
-def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:
-    """Where the nacelle looked while a set was measured, counter-clockwise from the model's x axis in -180 to 180; 0,
-    as the model's file has it, where the set does not state it."""
-    value = environment.get("nacelle_angle_deg", 0.0)
+def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float | None:
+    """Where the nacelle looked while a set was measured, counter-clockwise from the model's x axis in -180 to 180; None
+    where the set does not state it."""
+    if "nacelle_angle_deg" not in environment:
+        return None
+    value = environment["nacelle_angle_deg"]
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         where = f"{where}, environment.nacelle_angle_deg"
         raise InputError(where, f"{value!r} is not an angle", "give degrees, or leave it out")

@@ -197,8 +197,8 @@ def _elastodyn_notes(file: SubDynFile, entry: TowerEntry, read: ElastoDyn, own_b
             f"; the SubDyn file has a concentrated mass at joint {', '.join(map(str, there))} too: make sure that it "
             "is not the same one" if there else "")
     if read.yaw_deg and own_body:
-        yield (f"{where}: NacYaw turns rotor and nacelle by {read.yaw_deg:g} degrees; a set's nacelle_angle_deg counts "
-               "from there")
+        yield (f"{where}: NacYaw turns rotor and nacelle by {read.yaw_deg:g} degrees: in the model as it is the "
+               f"nacelle looks {read.looks_deg % 360:g} degrees from x, for a set that states nacelle_angle_deg there")
     if not own_body:
         yield f"{where}: rotor and nacelle are those of [rotor_nacelle]; the file's own (and NacYaw) are not used"
     yield from read.notes
@@ -214,6 +214,20 @@ def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
     if path.suffix != ".toml":
         return joint_sensors(read_subdyn(path))
     return _file_sensors(*with_tower(read_description(read_toml(path), path), path), path)
+
+
+def resting_angle_deg(path: Path) -> float:
+    """Where the nacelle looks in a model's file as it is, counter-clockwise from the model's x axis: along x, but of an
+    ElastoDyn file along NacYaw, and the other way round where its rotor is upwind (OverHang below zero)."""
+    raw = read_toml(path) if path.suffix == ".toml" else {}
+    return _looks_deg(read_description(raw, path), path) if "subdyn" in raw else 0.0
+
+
+def _looks_deg(description: SubDynDescription, path: Path) -> float:
+    entry = description.tower
+    if entry is None or entry.elastodyn is None or description.rotor_nacelle is not None:
+        return 0.0
+    return read_elastodyn(file_beside(path, entry.elastodyn, "tower.elastodyn"), path.parent).looks_deg
 
 
 def turns_nacelle(path: Path) -> bool:
@@ -235,16 +249,18 @@ def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None, root: P
 
 def described_model(
     raw: dict, path: Path, *, parameters: Parameters | None = None, sensors: Sequence[Sensor] | None = None,
-    nacelle_angle_deg: float = 0.0,
+    nacelle_angle_deg: float | None = None,
 ) -> AffineModel:
     """The model of a TOML with [subdyn]; `parameters` and `sensors` replace its own."""
-    file, description = with_tower(read_description(raw, path), path)
+    own = read_description(raw, path)
+    file, description = with_tower(own, path)
+    turn = 0.0 if nacelle_angle_deg is None else nacelle_angle_deg - _looks_deg(own, path)
     if parameters is None:
         tables = [{k: v for k, v in t.items() if k in KEYS} for t in raw.get("parameter", [])]
         # a model may be opened for its modes alone
         some = any(t.get("update", True) for t in tables)
         parameters = updated_parameters(tables, str(path), raw.get("correlation")) if some else Parameters(())
-    return _model(file, description, path, parameters, sensors, nacelle_angle_deg)
+    return _model(file, description, path, parameters, sensors, turn)
 
 
 def _model(file, description: SubDynDescription, path: Path, parameters: Parameters, sensors, angle_deg: float):

@@ -58,7 +58,7 @@ def refuse_other_value(name: str, value: object, kind: type) -> None:
 
 def open_model(
     model: GivenModel, parameters: str | Path | Parameters | None = None, sensors: tuple[Sensor, ...] | None = None, *,
-    nacelle_angle_deg: float = 0.0, fix: Mapping[str, float] | None = None,
+    nacelle_angle_deg: float | None = None, fix: Mapping[str, float] | None = None,
 ) -> Model:
     """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel); `fix`:
     parameters that are held at a value."""
@@ -89,9 +89,9 @@ class ModelAt:
     sensors: tuple[Sensor, ...] | None = None
     alternatives: tuple[GivenModel, ...] = ()
 
-    def angle_deg(self, modal_set: ModalSet) -> float:
-        """0 for models that cannot be turned."""
-        return nacelle_angle_deg(modal_set.environment, f"{self.where}, set {modal_set.id}") if self.turns else 0.0
+    def angle_deg(self, modal_set: ModalSet) -> float | None:
+        """None, as in the model's file, where the set does not state it and for models that cannot be turned."""
+        return nacelle_angle_deg(modal_set.environment, f"{self.where}, set {modal_set.id}") if self.turns else None
 
     @cached_property
     def turns(self) -> bool:
@@ -108,7 +108,7 @@ class ModelAt:
             self._open_models[angle] = reading(known, self.felt)
         return self._open_models[angle]
 
-    def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
+    def with_uncertainty(self, opened: Model, angle_deg: float | None) -> Model:
         """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to
         know."""
         if not is_dataclass(opened) or getattr(opened, "uncertainty", self) is not None:
@@ -123,7 +123,7 @@ class ModelAt:
             known = SensorUncertainty(model=opened)
         return replace(opened, uncertainty=known)
 
-    def with_alternatives(self, opened: Model, angle_deg: float) -> Model:
+    def with_alternatives(self, opened: Model, angle_deg: float | None) -> Model:
         """The model with what other models of the structure have and it has not among the sources of its error."""
         if not self.alternatives:
             return opened
@@ -138,7 +138,7 @@ class ModelAt:
         return replace(opened, uncertainty=known)
 
     @cached_property
-    def _open_models(self) -> dict[float, Model]:
+    def _open_models(self) -> dict[float | None, Model]:
         return {}
 
     def setting(self, modal_set: ModalSet, channels: Sequence[str]) -> dict[str, str]:
@@ -151,10 +151,9 @@ class ModelAt:
             said["alternatives"] = f"the truth may lie anywhere from this model to {', '.join(names)}"
         if not self.turns:
             return said
-        text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
-        if "nacelle_angle_deg" not in modal_set.environment:
-            text = "as in the model: the set does not state where it looked"
-        return said | {"nacelle": text}
+        angle = self.angle_deg(modal_set)
+        return said | {"nacelle": "as in the model: the set does not state where it looked" if angle is None
+                       else f"{angle:g} deg counter-clockwise of the model's x axis"}
 
 
 def gravity_said(model: Model, channels: Sequence[str], felt: Mapping[str, bool], modal_set: ModalSet) -> str:

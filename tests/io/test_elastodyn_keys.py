@@ -1,5 +1,6 @@
 """ElastoDyn's platform and yaw are used; what is not used is said; the documents list every key."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import probupdate
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import NACELLE, PLATFORM, read_elastodyn
 from probupdate.io.elastodyn_keys import UNUSED, UNUSED_COLUMNS, WITHOUT_EFFECT
+from probupdate.modal.modes import Sensor
+from probupdate.structure.load import load_model
 from tests.io.test_elastodyn_file import MAIN, TOWER, write
 from tests.subdyn_text import subdyn
 
@@ -118,6 +121,21 @@ def test_the_nacelle_looks_where_nacyaw_says(tmp_path):
     assert one.labels[:2] != two.labels[:2] and any("NacYaw turns" in note for note in two.notes)
 
 
+def test_a_stated_heading_counts_from_x_of_an_upwind_rotor_too(tmp_path):
+    """OpenFAST's x points downwind: as the file is, the nacelle looks along -x."""
+    jacket(tmp_path)
+    write(tmp_path)
+    model(tmp_path)
+    sensors = [Sensor(channel=f"y{x}", level="tower", position_m=[x, 0, 60], direction=[0, 1, 0]) for x in (-1, 1)]
+    own, there, back = (load_model(tmp_path / "model.toml", sensors=sensors, nacelle_angle_deg=a).solve(np.zeros(0), 6)
+                        for a in (None, 180.0, 0.0))
+    np.testing.assert_allclose(there.shape, own.shape, atol=1e-12)
+    np.testing.assert_allclose(back.frequency_hz, own.frequency_hz, rtol=1e-9)
+    # turned round, what moved more moves less
+    np.testing.assert_allclose(np.abs(back.shape[::-1]), np.abs(own.shape), atol=1e-9)
+    assert np.abs(np.abs(back.shape) - np.abs(own.shape)).max() > 1e-6
+
+
 def test_the_towers_concentrated_masses_are_where_the_file_has_them(tmp_path):
     """Beside the same masses as a short thick piece of the tower."""
     jacket(tmp_path)
@@ -177,6 +195,19 @@ def test_columns_of_older_tower_files_are_said(tmp_path):
         "1.1e11", "1.1e11 8e10")
     (note,) = read_elastodyn(write(tmp_path, tower=tower)).notes
     assert "TwGJStif is not used" in note and "tower.dat" in note
+
+
+def test_a_heading_with_a_keys_name_is_no_key(tmp_path):
+    """Every file as OpenFAST's own tools write it has the heading FURLING above the key."""
+    heading = "---------------------- FURLING ------------------------\n"
+    assert read_elastodyn(write(tmp_path, main=f"{MAIN}{heading}False Furling - flag\n")).notes == ()
+
+
+@pytest.mark.parametrize(("overhang", "yaw", "looks"), [(-5.0, 0.0, 180.0), (5.0, 0.0, 0.0), (-5.0, 30.0, 210.0)])
+def test_an_upwind_rotor_looks_against_x(tmp_path, overhang, yaw, looks):
+    """ElastoDyn's x axis points downwind."""
+    main = re.sub(r"\S+ OverHang", f"{overhang} OverHang", MAIN) + f"{yaw} NacYaw - deg\n"
+    assert read_elastodyn(write(tmp_path, main=main)).looks_deg == looks
 
 
 def test_a_furling_turbine_is_refused(tmp_path):

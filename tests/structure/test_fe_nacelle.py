@@ -57,6 +57,6 @@ def test_models_at_different_angles_are_told_apart():
 
 def test_the_angle_of_a_set_is_wrapped_and_nonsense_is_named():
     assert nacelle_angle_deg({"nacelle_angle_deg": -295.0}, "m") == pytest.approx(65.0)
-    assert nacelle_angle_deg({}, "m") == 0.0
+    assert nacelle_angle_deg({}, "m") is None
     with pytest.raises(InputError, match=r"set 3, environment\.nacelle_angle_deg: 'north' is not an angle"):
         nacelle_angle_deg({"nacelle_angle_deg": "north"}, "modes.json, set 3")
