@@ -39,7 +39,8 @@ def run_stresses(a: argparse.Namespace, progress: Progress) -> None:
 
     refuse_filled(Path(a.out))
     result = probupdate.stresses(
-        a.campaign, a.run, a.fatigue, without=a.without, gauges=GaugeFiles(held_out=a.gauges, joined=a.with_gauges),
+        a.campaign, a.run, a.fatigue, model=a.model, without=a.without,
+        gauges=GaugeFiles(held_out=a.gauges, joined=a.with_gauges),
         draws=a.draws, worst=a.worst, accept=a.accept, seed=a.seed, progress=progress)
     answer(a, result, result.write(a.out))
 
@@ -134,6 +135,7 @@ def _add_stresses(verb: AddCommand) -> None:
              "measured campaign, through a run's model and posterior")
     p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and the records")
     p.add_argument("--run", required=True, help="directory with model.toml, posterior.nc and modes.json")
+    p.add_argument("--model", help="model.toml, or the TOML of a SubDyn model (default: model.toml in RUN)")
     p.add_argument("--fatigue", required=True, metavar="FILE", help="fatigue.toml with details, S-N curves and the "
                    "loads from which the estimate begins")
     p.add_argument("--without", nargs="+", metavar="CHANNEL", help="channels that are not to be used")
