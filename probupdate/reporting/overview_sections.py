@@ -53,6 +53,7 @@ from probupdate.updating.update_file import SETS, UpdateRecord, blunt, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
+NOT_DIAGNOSED = "Run `probupdate diagnose`: what model or measurement get wrong has not been looked for in this run."
 
 
 def verdict_section(run: Run) -> Section:
@@ -220,7 +221,8 @@ def _actions(run: Run, found: tuple[Finding, ...]) -> tuple[str, ...]:
     confirm = checks(content) if content is not None else []
     actions = list(dict.fromkeys([*confirm, *(f.action for f in found if f.action), *_next_measurement(run)]))
     if run.update is not None and not found:
-        actions.insert(0, "Use the parameters with their intervals; no check of this run speaks against it.")
+        actions.insert(0, "Use the parameters with their intervals; no check of this run speaks against it."
+                       if content is not None else NOT_DIAGNOSED)
     return tuple(actions)
 
 
@@ -305,7 +307,8 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
     if run.posterior is None:
         sentence += " No posterior was sampled."
     if not found:
-        return f"{sentence} No check speaks against the parameters."
+        return sentence + (" No check speaks against the parameters." if run.diagnosis is not None
+                           else " What model or measurement get wrong has not been looked for.")
     reasons = "; ".join(f.short for f in found if f.level == found[0].level and f.short != NEITHER_STATE)
     if not reasons:
         return sentence
