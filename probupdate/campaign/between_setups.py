@@ -68,7 +68,7 @@ class SetupShapes:
         own = [s.channel for s in self.sensors]
         return [own.index(c) for c in channels]
 
-    def divided(self, gains: Mapping[str, float]) -> SetupShapes:
+    def divide_gains(self, gains: Mapping[str, float]) -> SetupShapes:
         """The same with channels' gains taken back."""
         factor = np.array([gains.get(s.channel, 1.0) for s in self.sensors])
         return replace(self, shape=self.shape / factor, std=self.std / np.abs(factor))
@@ -253,7 +253,7 @@ def _judge_references(
         len(references) == 1)
     if 2 * sum(map(bool, gains)) >= len(shapes):
         notes.append("references go in different proportions in half of the setups or more")
-    constant, more_notes = _constant([s.divided(g) for s, g in zip(shapes, gains, strict=True)], references)
+    constant, more_notes = _constant([s.divide_gains(g) for s, g in zip(shapes, gains, strict=True)], references)
     return [*found, *constant], [*notes, *more_notes]
 
 
@@ -298,7 +298,7 @@ def _references_of_other_gain(shapes: Sequence[SetupShapes], references: Sequenc
     found: list[_Differs] = []
     gains: list[dict[str, float]] = [{} for _ in shapes]
     while len(shapes) > 2:
-        now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
+        now = [s.divide_gains(g) for s, g in zip(shapes, gains, strict=True)]
         # of all references but one, as a shape has no size
         open_to = [[i for i, c in enumerate(references) if c not in g and len(g) < len(references) - 1] for g in gains]
         tried = [_explanations_by_others(now, k, references, free) for k, free in enumerate(open_to)]
@@ -343,8 +343,8 @@ def _log_rigid(
 ) -> float:
     """ln evidence that the rigid parts with rovers of a setup are rigid, its references divided by `change`; parts of
     all setups as they are known by now."""
-    now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
-    now[setup] = shapes[setup].divided({**gains[setup], **change})
+    now = [s.divide_gains(g) for s, g in zip(shapes, gains, strict=True)]
+    now[setup] = shapes[setup].divide_gains({**gains[setup], **change})
     total = 0.0
     for samples, sensors, owner in _parts(now, references):
         # a reference may be wrong in all setups alike: rovers only

@@ -278,7 +278,7 @@ def _read_source(paths: Sequence[Path], name: str, described: Description, head:
         gone = ~np.isfinite(data)
         data[gone] = np.nan
         lost += int(np.sum(gone))
-        for start, rows in clock.placed(time, data):
+        for start, rows in clock.place(time, data):
             writer.add(start, rows)
     outputs, spans, count = writer.close()
     if not count:

@@ -95,7 +95,7 @@ class Clock:
         self.uneven = 0.0
         self.points: list[tuple[int, int]] = []  # row and nanoseconds, about one a second
 
-    def placed(
+    def place(
         self, time: np.ndarray | pd.DatetimeIndex | None, data: np.ndarray
     ) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         if time is None:

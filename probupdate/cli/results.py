@@ -89,6 +89,8 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
                    "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
+    # of scripts that left the chain out, which diagnose does not sample any more
+    p.add_argument("--no-sampler", action="store_true", help=argparse.SUPPRESS)
     add_worker_option(p, "processes for records and hypotheses (1); the numbers do not depend on it", 1)
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     add_seed_option(p)

@@ -52,7 +52,7 @@ class ArrowFactor:
         """Half of the ln determinant."""
         return float(sum(np.sum(np.log(np.diag(root))) for root in (*self.roots, self.last)))
 
-    def half(self, right: np.ndarray) -> np.ndarray:
+    def half_solve(self, right: np.ndarray) -> np.ndarray:
         """L^-1 right (n, m), whose squares add up to right^T A^-1 right."""
         result = np.zeros_like(right)
         left = right[self.shared]
@@ -64,7 +64,7 @@ class ArrowFactor:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right (n, m) or (n,)."""
-        result = self.half(right)
+        result = self.half_solve(right)
         result[self.shared] = common = _lower(self.last, result[self.shared], transposed=True)
         for rows, root, part in zip(self.groups, self.roots, self.crossed, strict=True):
             result[rows] = _lower(root, result[rows] - part @ common, transposed=True)

@@ -143,7 +143,7 @@ class Blocks:
     def group_name(self, number: int) -> str:
         return "/".join(self.labels[j] for j in self.groups[number])
 
-    def taken(self, chosen: np.ndarray) -> Blocks:
+    def select_blocks(self, chosen: np.ndarray) -> Blocks:
         """Only the blocks numbered `chosen`."""
         chosen = np.asarray(chosen)
         return Blocks(

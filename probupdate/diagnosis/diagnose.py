@@ -596,13 +596,13 @@ def _threshold_note(found: Search) -> list[str]:
 def _tolerances_noted(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What is within its tolerance, so no finding, and yet surely there: structural rows of more than half their
     tolerance, NOTED_STD of their own standard deviations from zero."""
-    chosen = [k for k, j in enumerate(problem.tolerated) if problem.effects[j].kind == "structural"]
+    chosen = [k for k, j in enumerate(problem.effects_with_tolerance) if problem.effects[j].kind == "structural"]
     rows = len(problem.updated) + np.array(chosen, int)
     size = fitted.design.unknowns(fitted.centred)[rows]
     std = np.sqrt(np.diag(fitted.design.unknowns_cov(rows)))
     result = []
     for k, value, own in zip(chosen, size, std, strict=True):
-        effect = problem.effects[problem.tolerated[k]]
+        effect = problem.effects[problem.effects_with_tolerance[k]]
         if abs(value) > max(NOTED_STD * own, 0.5 * effect.tolerance):
             result.append(f"{effect.name}: {value:.3g} +- {own:.2g} {effect.unit}, within what is normal (tolerance "
                           f"{effect.tolerance:.2g}) and so no finding, but the record shows it; {effect.check}")

@@ -285,7 +285,7 @@ def with_parts(
 ) -> tuple[DiagnosisProblem, Fit]:
     """Problem and fit with these parts as further effects along these time profiles, none of them there. The last rows
     of the problem's `which` are theirs, those of one part after the other."""
-    small = problem.predictor.small.attached([attachment for _, attachment in parts])
+    small = problem.predictor.small.attach_parts([attachment for _, attachment in parts])
     wider = problem_with_effects(replace(problem, predictor=replace(problem.predictor, small=small)),
                                  [effect for effect, _ in parts], [profiles] * len(parts))
     padded = replace(fitted, theta=np.pad(fitted.theta, (0, len(small.parameters) - len(fitted.theta))))

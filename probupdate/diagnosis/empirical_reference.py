@@ -61,7 +61,7 @@ def look(
 ) -> EmpiricalReference:
     """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
     expected is what was before: where the time profile is zero."""
-    before = blocks if time_profile is None else blocks.taken(np.flatnonzero(time_profile == 0))
+    before = blocks if time_profile is None else blocks.select_blocks(np.flatnonzero(time_profile == 0))
     axes = tuple(mean_plane_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
     differences, used, mean = [], [], []

@@ -147,7 +147,7 @@ def _state(
     seen = [(n.effect, n.size * value) for n, value in zip(included, values, strict=True)
             if n.effect.observe is not None and value]
     moved = np.clip(moved, predictor.parameters.lower, predictor.parameters.upper)
-    return predictor.behind(predictor.small.at(moved), seen) if seen else predictor, moved, seen
+    return predictor.through_sensors(predictor.small.at(moved), seen) if seen else predictor, moved, seen
 
 
 def parameters_with(

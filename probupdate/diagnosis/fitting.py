@@ -120,7 +120,7 @@ def _design(
     return Design(
         bin_of=bin_of,
         nuisance=nuisance,
-        nuisance_std=np.array([*prior, *(problem.effects[j].tolerance for j in problem.tolerated)]),
+        nuisance_std=np.array([*prior, *(problem.effects[j].tolerance for j in problem.effects_with_tolerance)]),
         discrepancy_std=problem.discrepancy_std,
         effect=effect,
         time_profiles=problem.time_profiles,
@@ -156,12 +156,12 @@ def _nuisance_and_effects(
                 tuple(e[same][:, :, columns] for e in before.effect))
     if len(catalogue) == len(problem.effects):
         prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
-        nuisance, shown = [*range(n_own), *(n_own + j for j in problem.tolerated)], slice(n_own, None)
+        nuisance, shown = [*range(n_own), *(n_own + j for j in problem.effects_with_tolerance)], slice(n_own, None)
     else:
-        rows = [*own, *(problem.effects[j] for j in (*problem.tolerated, *catalogue))]
+        rows = [*own, *(problem.effects[j] for j in (*problem.effects_with_tolerance, *catalogue))]
         moved = {name for e in rows for name, _ in e.increments}
         prints = _signatures_of_bins(problem, theta, exact, bins, rows, tuple(n for n in names if n in moved))
-        n_nuisance = n_own + len(problem.tolerated)
+        n_nuisance = n_own + len(problem.effects_with_tolerance)
         nuisance, shown = [*range(n_nuisance)], slice(n_nuisance, None)
     for p in prints:
         p[:, :, :n_own] *= left

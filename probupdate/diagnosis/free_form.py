@@ -97,7 +97,7 @@ def with_tuned_mass(
 ) -> tuple[DiagnosisProblem, TunedMass, IncludedEffect]:
     """The problem with a mass on springs, whose frequency is one more of the parameters; that mass in the model, and
     along a time profile to begin a fit with."""
-    small = problem.predictor.small.attached([part[1]])
+    small = problem.predictor.small.attach_parts([part[1]])
     (hung,) = small.tuned
     return (replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
                     updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small)),
@@ -107,7 +107,7 @@ def with_tuned_mass(
 def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
     """The model with these parts as further effects; how masses on springs are tuned is estimated as its parameters
     are."""
-    small = prepared.small.attached([attachment for _, attachment in parts])
+    small = prepared.small.attach_parts([attachment for _, attachment in parts])
     return replace(prepared, small=small, prior=_with_tunings(prepared.prior, small),
                    updated=(*prepared.updated, *(one.tuning for one in small.tuned)),
                    effects=(*prepared.effects, *(effect for effect, _ in parts)))
@@ -188,7 +188,7 @@ def place_probabilities(found: Finding, placed: Mapping[Hashable, Attachment]) -
     together: dict[Hashable, dict] = {}
     for f in (found, *found.alternatives):
         part = placed.get(f.key)
-        key, where = (f.key, f.location) if part is None else (part.key.untuned, part.where)
+        key, where = (f.key, f.location) if part is None else (part.key.without_tuning, part.where)
         row = together.setdefault(key, {"cause": f.cause, "location": where, "posterior_probability": 0.0})
         row["posterior_probability"] += f.posterior_probability
     # the part itself stands first

@@ -113,7 +113,7 @@ def contest(
     gained = densities[1] - densities[0]
     variance = 0.0
     for places, root in parts[1]:
-        there = sum_over_blocks(designs[1].taken(places), [w[places] for w in solution.solved])
+        there = sum_over_blocks(designs[1].select_blocks(places), [w[places] for w in solution.solved])
         variance += float(np.sum((root.T @ there[: len(root)]) ** 2))
     for a, covariance, weight in zip(solution.solved, noise.covariance, noise.weight, strict=True):
         measured = weight > 0

@@ -157,7 +157,7 @@ class LevelReference:
                                      zip(self.seen(effect, h), self.seen(effect, -h), strict=True)]
         return _numbers([law @ s for law, s in zip(self.laws[effect.key], self.shape, strict=True)])
 
-    def scored(self, effect: Effect) -> tuple[float, float, float]:
+    def score_effect(self, effect: Effect) -> tuple[float, float, float]:
         """Score and information of an effect, and the share of its signature that is left beside what is unknown."""
         signature = self.signature(effect)
         (u,), ((v,),) = self.once.scores(signature[:, None])
@@ -174,7 +174,7 @@ class LevelReference:
             scatter.append(np.sqrt(np.abs(back) ** 2 @ own**2) / scale)
         return replace(self, shape=tuple(shapes), scatter=tuple(scatter))
 
-    def responding(self, rows: Sequence[int]) -> np.ndarray:
+    def lead_response(self, rows: Sequence[int]) -> np.ndarray:
         """(m, 2 n_group) change of the numbers per radian that these channels lead, and per unit of the logarithm of
         their gain, in each group."""
         there = np.zeros((len(self.sensors), 1))
@@ -306,7 +306,7 @@ def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[H
         if e.discrete:
             promised[e] = 0.5 * (before - once.misfits(_numbers(levels.without(e, e.discrete[0]).shape)[:, None])[0])
         else:
-            score, v, left = levels.scored(e)
+            score, v, left = levels.score_effect(e)
             promised[e] = 0.5 * score**2 / v if left > LEAST_LEFT else -np.inf
     order = sorted(promised, key=lambda e: -promised[e] - prior[e.key])[:MOST_TRIED]
     found = [_correct_effect(begun, e, prior[e.key]) for e in order]
@@ -320,7 +320,7 @@ def _correct_effect(begun: PutRight, effect: Effect, log_prior: float) -> PutRig
     """None where the size ends at a bound, or nothing of its signature is left: what was measured asks for something
     else."""
     def left(size: float) -> tuple[float, float]:
-        score, v, shown = begun.levels.without(effect, size).scored(effect)
+        score, v, shown = begun.levels.without(effect, size).score_effect(effect)
         return (score / v, v**-0.5) if shown > LEAST_LEFT else (0.0, np.inf)
 
     size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left)
@@ -375,7 +375,7 @@ def _fit_channel_response(begun: PutRight, place: str, rows: tuple[int, ...], lo
         done = _response(place, MeasuredResponse(rows=rows, at_hz=begun.levels.frequency_hz, phase=tuple(value[:n]),
                                                  gain=tuple(value[n:])))
         there = begun.levels.without(done, 1.0)
-        u, information = there.once.scores(there.responding(rows))
+        u, information = there.once.scores(there.lead_response(rows))
         precision = information + np.diag(2 / (RESPONSE_SCALE**2 + value**2))
         std = np.sqrt(np.diag(np.linalg.inv(precision)))
         step = np.linalg.solve(precision, u - 2 * value / (RESPONSE_SCALE**2 + value**2))
@@ -398,7 +398,7 @@ def _response(place: str, observe: MeasuredResponse) -> Effect:
 
 
 def _judge_effect(levels: LevelReference, effect: Effect, log_prior: float, share: float) -> EffectTest:
-    score, v, left = levels.scored(effect)
+    score, v, left = levels.score_effect(effect)
     if left < LEAST_LEFT:
         return EffectTest(needed=np.inf, size_std=np.inf, share_left=left, z=0.0)
     # the odds of what is found just so, at the size that it then has

@@ -187,17 +187,17 @@ class Design:
             vars(other)[name] = getattr(self, name)
         return other
 
-    def taken(self, chosen: np.ndarray) -> Design:
+    def select_blocks(self, chosen: np.ndarray) -> Design:
         """The design of only the blocks numbered `chosen`."""
         def of(profile: TimeProfile) -> TimeProfile:
             return replace(profile, value=profile.value[chosen])
 
-        return replace(self, bin_of=self.bin_of[chosen], noise=self.noise.taken(chosen),
+        return replace(self, bin_of=self.bin_of[chosen], noise=self.noise.select_blocks(chosen),
                        time_profiles=tuple(map(of, self.time_profiles)),
                        included=tuple((effect, of(profile), std) for effect, profile, std in self.included),
                        model_errors=tuple((of(profile), spread) for profile, spread in self.model_errors))
 
-    def emptied(self) -> Design:
+    def without_signatures(self) -> Design:
         """The design without signatures, and without what it was asked for."""
         return replace(self, nuisance=(), effect=(), model_errors=())
 
@@ -272,7 +272,7 @@ class Design:
             # B C B^T with C = (L L^T)^-1 is the square of L^-1 B^T
             crossed = self._cross_terms(chunk)
             crossed *= self.prior_std
-            half = self._factor.half(crossed.T)
+            half = self._factor.half_solve(crossed.T)
             taken[chunk] = np.einsum("uc,uc->c", half, half)
         return raw, np.maximum(raw - taken, 0.0)
 
@@ -347,7 +347,7 @@ class Design:
     def misfits(self, residuals: Sequence[np.ndarray], held: Sequence[int]) -> np.ndarray:
         """`misfit` (n,) of residuals (n, n_block, n_response) per group."""
         right = self.unknowns_scores(residuals)
-        half = self._factor_held(tuple(held)).half((self.prior_std * right).T)
+        half = self._factor_held(tuple(held)).half_solve((self.prior_std * right).T)
         # searching for the order of so small products costs more than they do
         total = sum(np.sum((y @ P) * y, axis=2) @ w for w, y, P in
                     zip(self.noise.weight, residuals, self.noise.precision, strict=True))

@@ -71,7 +71,7 @@ class Noise:
         own = self.free or tuple(W[:, :0] for W in other.free)
         return self.with_free([np.hstack(both) for both in zip(own, other.free, strict=True)])
 
-    def taken(self, chosen: np.ndarray) -> Noise:
+    def select_blocks(self, chosen: np.ndarray) -> Noise:
         """Of only the blocks numbered `chosen`."""
         return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight),
                        stray=tuple(frozen_array(s[chosen], bool) for s in self.stray))

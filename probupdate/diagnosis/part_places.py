@@ -28,7 +28,7 @@ class PartKey:
     tuned_hz: float | None = None
 
     @property
-    def untuned(self) -> PartKey:
+    def without_tuning(self) -> PartKey:
         """The same at any frequency."""
         return replace(self, tuned_hz=None)
 

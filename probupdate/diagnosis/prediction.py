@@ -43,7 +43,7 @@ def carried_unknowns(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What `blocks` show other blocks of the unknowns: mean (n_unknown,), and covariance Q (n_unknown, n_unknown) of
     how the unknowns differ from it. Offsets and model errors of signatures are not carried: their mean is zero."""
-    there, n = design.taken(blocks), design.n_common
+    there, n = design.select_blocks(blocks), design.n_common
     mean, Q = there.unknowns([y[blocks] for y in centred]), there.unknowns_cov(range(design.n_unknown))
     mean[n:] = 0.0
     Q[n:, n:] = np.diag(design.prior_std[n:] ** 2)
@@ -55,7 +55,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
     mean, Q = carried_unknowns(design, centred, np.flatnonzero(~held))
-    there, root = design.taken(rows), covariance_root(Q, design.prior_std)
+    there, root = design.select_blocks(rows), covariance_root(Q, design.prior_std)
     weight = there.noise.weight
     residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
                      for y, m, w in zip(centred, there.expected(mean), weight, strict=True))
@@ -105,7 +105,7 @@ def solve_covariance(
     """With C = X Q X^T + R, Q of the root of the first of these `parts`, which is of all blocks, and in the blocks of
     every other one its X Q_part X^T besides."""
     n_block, root = len(design.bin_of), parts[0][1]
-    there = [design.taken(places) for places, _ in parts]
+    there = [design.select_blocks(places) for places, _ in parts]
     ends = np.cumsum([0, *(part.shape[1] for _, part in parts)])
     # by columns, so that it is factorised in its place: of all folds together it is larger than all else
     inner, right = np.eye(ends[-1], order="F"), np.empty(ends[-1])
@@ -160,7 +160,7 @@ def _prediction_std(design: Design, root: np.ndarray) -> list[np.ndarray]:
     profiles = [*(profile for _, profile, _ in design.included), *(profile for profile, _ in design.model_errors)]
     levels = np.column_stack([design.bin_of, *(profile.value for profile in profiles)])
     _, first, place = np.unique(levels, axis=0, return_index=True, return_inverse=True)
-    each = [[np.sum(made**2, axis=0) for made in design.taken(np.array([k])).expected(root.T)] for k in first]
+    each = [[np.sum(made**2, axis=0) for made in design.select_blocks(np.array([k])).expected(root.T)] for k in first]
     result = []
     for of_group, covariance, weight in zip(zip(*each, strict=True), design.noise.covariance, design.noise.weight,
                                             strict=True):

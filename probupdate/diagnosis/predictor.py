@@ -92,7 +92,7 @@ class ModalPredictor:
             return self
         return replace(self, planes=tuple(planes), log_frequency=tuple(logs), state=chosen.tobytes())
 
-    def behind(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
+    def through_sensors(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
         """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
         marks = "|".join(f"{e.key} {size!r}" for e, size in effects)

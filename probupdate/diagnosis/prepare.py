@@ -118,7 +118,7 @@ def prepare(
 
     first = at(0)
     # little of it turns: the rest is held once
-    models = [first, *(at(number).sharing(first) for number in range(1, len(TURNS_DEG)))]
+    models = [first, *(at(number).share(first) for number in range(1, len(TURNS_DEG)))]
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
     moved, of_channels = [], set(first.of_channels)
@@ -202,7 +202,7 @@ def _prepare_matrices(
     tried = [of_channels_tried(path, one, sensors) for one in models]
     moved, of_channels = tried[0]
     reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
-    small = small_model([moved, *(one.sharing(moved) for one, _ in tried[1:])], n_mode=n_mode, effects=(), reach=reach)
+    small = small_model([moved, *(one.share(moved) for one, _ in tried[1:])], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
                     effects=(*parameter_effects(model.parameters), *of_channels, temperature_effect()), own=own,
                     sensors=sensors, description=None)

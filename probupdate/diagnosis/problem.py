@@ -221,16 +221,16 @@ class DiagnosisProblem:
                      "deviations, by more than a common factor; the scatter is used"] if names else []
         return [*blocks.notes, *otherwise]
 
-    def taken(self, chosen: np.ndarray) -> DiagnosisProblem:
+    def select_blocks(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""
         def of(profile: TimeProfile) -> TimeProfile:
             return replace(profile, value=frozen_array(profile.value[chosen]))
 
-        return replace(self, blocks=self.blocks.taken(chosen), time_profiles=tuple(map(of, self.time_profiles)),
+        return replace(self, blocks=self.blocks.select_blocks(chosen), time_profiles=tuple(map(of, self.time_profiles)),
                        unrecorded=tuple((j, of(profile), std) for j, profile, std in self.unrecorded))
 
     @property
-    def tolerated(self) -> tuple[int, ...]:
+    def effects_with_tolerance(self) -> tuple[int, ...]:
         """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
         own = {self.predictor.parameters.names[k] for k in self.updated}
         return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)

@@ -49,7 +49,7 @@ class Hypothesis:
         """The same without the signatures of its design, of which some dozen would be as large as all else."""
         if self.stored is not None:
             return self
-        return replace(self, fitted=replace(self.fitted, design=self.fitted.design.emptied()),
+        return replace(self, fitted=replace(self.fitted, design=self.fitted.design.without_signatures()),
                        stored=self.fitted.included)
 
     def not_asked(self) -> Hypothesis:

@@ -65,7 +65,7 @@ class ModelSource:
             raise InputError("discrepancy", f"{self.discrepancy:g} is not a share of a frequency above zero",
                              "give the model discrepancy of every frequency, such as 0.005")
 
-    def prepared(self, sensors: tuple[Sensor, ...] | None, data: ModalData, progress: Progress) -> Prepared:
+    def prepare(self, sensors: tuple[Sensor, ...] | None, data: ModalData, progress: Progress) -> Prepared:
         """With what the modal sets state of gravity. Raises InputError where the model has no matrices."""
         if isinstance(self.model, Prepared):
             made = self.model if self.discrepancy is None else replace(self.model, discrepancy=self.discrepancy)
@@ -115,7 +115,7 @@ def diagnose_files(
             found = diagnose_without_model(data, sensors, campaign_check=tests, effects=source.effects,
                                            progress=progress)
         else:
-            prepared = source.prepared(sensors, data, progress)
+            prepared = source.prepare(sensors, data, progress)
             found = _whole(prepared, data=data, seed=seed, extended=extend, out=out, runs=runs,
                            parameters_file=source.parameters, progress=progress)
             own = lacking_notes(prepared.small.channels, [campaign]) if campaign is not None else []

@@ -91,7 +91,7 @@ def small_model(
         verified = _VerifiedPoints.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
                                          _single_effect_points(first.parameters, effects, reach, rng), count, sure)
         # each basis holds the ones before it
-        projected = verified.projected(directions[:, energy > min(CUTS)])
+        projected = verified.project(directions[:, energy > min(CUTS)])
         for cut in CUTS:
             basis = directions[:, energy > cut]
             error, wrong = verified.errors(projected, basis.shape[1])
@@ -123,16 +123,16 @@ class _VerifiedPoints:
 
     @classmethod
     def solve(cls, models: Sequence[AffineModel], check, alone, count: int, sure: int) -> _VerifiedPoints:
-        unseen = [_Sum(models[k % len(models)]).both(theta) for k, theta in enumerate(check)]
+        unseen = [_Sum(models[k % len(models)]).stiffness_and_mass(theta) for k, theta in enumerate(check)]
         one = _Sum(models[0])
-        lonely = [one.both(theta) for theta in alone]
+        lonely = [one.stiffness_and_mass(theta) for theta in alone]
         solved = [_modes(matrices, count, models[0].name) for matrices in (*unseen, *lonely)]
         found = [f[:sure] for f, _ in solved]
         return cls(unseen=unseen, frequency_hz=found[: len(unseen)], alone=lonely,
                    log_frequency=[np.log(f) for f in found[len(unseen) :]], modes=np.hstack([phi for _, phi in solved]),
                    sure=sure)
 
-    def projected(self, basis: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def project(self, basis: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """K and M (r, r) of all points on a basis (n_dof, r)."""
         return [(basis.T @ (K @ basis), basis.T @ (M @ basis)) for K, M in (*self.unseen, *self.alone)]
 
@@ -163,7 +163,7 @@ def _snapshots(
     for number, model in enumerate(models):
         one = _Sum(model)
         for k in range(number, len(points), len(models)):
-            result[:, k * count : (k + 1) * count] = _modes(one.both(points[k]), count, model.name)[1]
+            result[:, k * count : (k + 1) * count] = _modes(one.stiffness_and_mass(points[k]), count, model.name)[1]
         if number < 2:
             start = n_point + number * n_change
             result[:, start : start + n_change] = _change(one, model.parameters.initial, n_mode, size)
@@ -242,7 +242,7 @@ class _Sum:
     def K(self, theta: np.ndarray) -> sparse.csc_array:
         return self._weighted_sum(0, self.model.coefficients(theta)[0])
 
-    def both(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
+    def stiffness_and_mass(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
         cK, cM = self.model.coefficients(theta)
         return self._weighted_sum(0, cK), self._weighted_sum(1, cM)
 
@@ -288,7 +288,7 @@ def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.nd
 
     A mode's change towards one that is close is left out, as both are in the basis; the close ones of the last mode may
     go on beyond it, up to the widest gap that follows."""
-    K, M = one.both(theta)
+    K, M = one.stiffness_and_mass(theta)
     value, phi = lowest_modes(K, M, min(count + BEYOND, replace(one.model).n_available), one.model.name)
     ratio = value[1:] / value[:-1]
     goes_on = len(value) > count and ratio[count - 1] < CLOSE
@@ -325,7 +325,7 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
         stiffness=stiffness, mass=mass, about=about,
-        at_channels=frozen_array(first.rows @ basis), moved=tuple(m.on(basis) for m in first.moved),
+        at_channels=frozen_array(first.rows @ basis), moved=tuple(m.project(basis) for m in first.moved),
         gravity=first.gravity, n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),

@@ -176,7 +176,7 @@ class SmallModel:
             self.known[key] = LocalModel(small=self, theta=theta)
         return self.known[key]
 
-    def attached(self, parts: Sequence[Attachment]) -> SmallModel:
+    def attach_parts(self, parts: Sequence[Attachment]) -> SmallModel:
         """The model with these parts, none of them there at first, each a parameter behind its own, and behind all of
         them what is added to ln of the frequency of each tuned mass."""
         own, tuned = len(self.parameters), [k for k, part in enumerate(parts) if part.tuned_hz is not None]

@@ -151,7 +151,8 @@ def _explain_mode(
 ) -> UnmatchedMode:
     profile = _beginning_profile(problem, record.label)
     there = np.flatnonzero(profile.value > 0)
-    stepped = initialise_tuned_mass(problem.taken(there), noise_of_sets(problem).taken(there), parts, runs)
+    noise = noise_of_sets(problem).select_blocks(there)
+    stepped = initialise_tuned_mass(problem.select_blocks(there), noise, parts, runs)
     begun = [(parts[k], size) for k in parts_at_different_places(parts, [*stepped], FITTED)
              for size in (stepped[k], BEGUN_AT * parts[k][0].prior_scale)]
     shared = problem, _effects_found(known), profile
@@ -171,7 +172,7 @@ def _explain_mode(
     scored = with_candidates(best.problem, best.fitted)
     left = search(best.problem, scored, seed=seed, heavier=known.first.heavier)
     p, _ = adequacy(best.problem, scored, left, drawn_scores(scored.design, seed))
-    where = {one.part[1].key.untuned: one.part[1].where for one in found}
+    where = {one.part[1].key.without_tuning: one.part[1].where for one in found}
     content = _content(known, best, record, value, where) if of_mass >= PROBABLE and p >= ADEQUATE else {}
     return UnmatchedMode(record=record, of_mass=float(of_mass), of_model=float(of_model), adequacy_p=p, instead=instead,
                          content=content and {**content, "complete": True, "adequacy_p": p})
@@ -251,11 +252,11 @@ def initialise_tuned_mass(
     they go some more, and those that move along one direction too.
     """
     rows = blocks_at_one_heading(problem)
-    shared = problem.taken(rows), noise.taken(rows)
+    shared = problem.select_blocks(rows), noise.select_blocks(rows)
     hung: dict[PartKey, list[int]] = {}
     for k, part in enumerate(parts):
         if part[1].tuned_hz is not None:
-            hung.setdefault(part[1].key.untuned, []).append(k)
+            hung.setdefault(part[1].key.without_tuning, []).append(k)
 
     def steps(numbers: Sequence[int], count: int) -> list[tuple[float, int, float, float]]:
         found = zip(numbers, runs.in_order(_fit_tuned_mass, [(parts[k], count) for k in numbers], shared=shared),
@@ -347,8 +348,8 @@ def _content(
     total = special.logsumexp([*value.values()])
     places: dict[PartKey, float] = {}
     for key, own in value.items():
-        places[key.untuned] = places.get(key.untuned, 0.0) + float(np.exp(own - total))
-    here = best.part[1].key.untuned
+        places[key.without_tuning] = places.get(key.without_tuning, 0.0) + float(np.exp(own - total))
+    here = best.part[1].key.without_tuning
     number = group_of_label(problem, record.label)
     used = problem.measured[1][number]
     expected = np.mean((problem.measured[0][number] - fitted.residuals[number])[used], axis=0)

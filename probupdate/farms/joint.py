@@ -119,7 +119,7 @@ def _infer_farm(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path, 
     weights = Case.of(first.model, chosen_sets(out / first.folder), likelihood, progress=progress).weights
     tasks = [(k, month, out, likelihood, weights) for k, month in enumerate(m for ms in turbines.values() for m in ms)]
     sets: dict[int, tuple[TurbineSets, list[str]]] = {}
-    for done, (k, one, notes) in enumerate(jobs.completed(month_sets, tasks, least=1), 1):
+    for done, (k, one, notes) in enumerate(jobs.as_completed(month_sets, tasks, least=1), 1):
         sets[k] = one, notes
         progress("months of the joint inference", done, len(tasks))
     ordered = [sets[k] for k in range(len(tasks))]

@@ -87,7 +87,7 @@ def farm(
     progress("turbine-months", len(mine) - len(todo), len(mine))
     with executor(jobs) as runs:
         lost = partial(_ended_from_outside, farm=read, out=out)
-        results = runs.completed(run_one, [(month, read, out) for month in todo], least=1, lost=lost)
+        results = runs.as_completed(run_one, [(month, read, out) for month in todo], least=1, lost=lost)
         for count, (month, state) in enumerate(results, 1):
             known[month] = state
             progress("turbine-months", len(mine) - len(todo) + count, len(mine))

@@ -231,7 +231,7 @@ def _prepare_record(
         return decay, (SAID,)
     if settings.harmonics == "keep":
         return record, ()
-    thin = record.data if lossy is None else lossy.bridged()
+    thin = record.data if lossy is None else lossy.interpolate_gaps()
     cleaned = without_harmonics(thin, target, rotor_rpm or (np.nan, np.nan))
     if not cleaned.followed:
         return record, (f"{STAY}{cleaned.reason}",)
@@ -249,7 +249,7 @@ def _identify_record(
     if n_sample < 4 * settings.block_rows:
         raise InputError(f"block {block.id}", f"{n_sample} samples at {settings.target_rate_hz:g} Hz are less than "
                          f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
-    return record.identified(
+    return record.identify(
         order=settings.order if orders is None else orders[-1], block_rows=settings.block_rows, spread=settings.spread,
         sub_records=sub_records, orders=orders, limited=block_references(block.data.shape[1], settings))
 

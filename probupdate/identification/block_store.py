@@ -153,7 +153,7 @@ class BlockStore:
         """Every block of the campaign, in order."""
         return tuple(self._files)
 
-    def pending(self) -> list[pd.Timestamp]:
+    def pending_blocks(self) -> list[pd.Timestamp]:
         """Blocks still to be identified: those without a file, or with a damaged one, and those for which a record came
         since.
 
@@ -188,7 +188,7 @@ class BlockStore:
         Blocks know nothing of one another: the files are the same for any number of processes that run linear
         algebra in one thread each.
         """
-        todo = self._shard_blocks(self.pending(), shard)
+        todo = self._shard_blocks(self.pending_blocks(), shard)
         tasks = [(self.folder / (self._stem(t) + POLES), *self._task(t)) for t in todo]
         self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)

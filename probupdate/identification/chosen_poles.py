@@ -153,7 +153,7 @@ def _judge_block(
         verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
     if hand is not None:
-        judged = hand.judged(one.block.start, judged)
+        judged = hand.drop_rejected(one.block.start, judged)
     single = like if model is None else rules.comparison(stack, model, like.stability)
     paper = rules.paper_criteria(stack, single, bands, settings.classifier)
     return JudgedBlock(poles=judged, single=single, paper=paper)
@@ -245,7 +245,7 @@ def without_uncertain(
                                            settings,
                                            ln_frequency_std=std[0], damping_std=std[1])
             poles = replace(judged.poles, verdict=verdict)
-            judged = replace(judged, poles=poles if first.hand is None else first.hand.judged(start, poles))
+            judged = replace(judged, poles=poles if first.hand is None else first.hand.drop_rejected(start, poles))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
             again[start] = todo[start] = _pick_poles(judged, choice, first.order, start, first.hand)
     return again

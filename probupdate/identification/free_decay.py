@@ -32,7 +32,7 @@ class DecayRecord:
     data: np.ndarray
     target_hz: float
 
-    def identified(
+    def identify(
         self, *, limited: int | None, sub_records: int, block_rows: int, **settings
     ) -> IdentifiedRecord:
         """`record.identify_covariances` of sums over the same starts at every lag."""
@@ -70,7 +70,7 @@ def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> 
     if 2 * len(kept) < n_sample or len(kept) < 8 * block_rows:
         return None
     found = DecayRecord(data=kept, target_hz=record.target_hz)
-    poles = found.identified(limited=None, sub_records=0, block_rows=block_rows, order=order).poles
+    poles = found.identify(limited=None, sub_records=0, block_rows=block_rows, order=order).poles
     explained = _explained_share(kept, record.target_hz, poles.frequency_hz, poles.damping_ratio)
     return found if explained > EXPLAINED else None
 

@@ -52,7 +52,7 @@ class HandPicked:
             found[_place(stack, key)] = ""
         return found
 
-    def judged(self, start: pd.Timestamp, poles: JudgedPoles) -> JudgedPoles:
+    def drop_rejected(self, start: pd.Timestamp, poles: JudgedPoles) -> JudgedPoles:
         """The same without the block's rejected poles."""
         return replace(poles, verdict=np.where(self.reasons(start, poles.poles) == "", poles.verdict, rules.REJECTED))
 

@@ -191,7 +191,7 @@ def identify_shard(
     with executor(jobs) as runs:
         blocks = BlockStore(store, campaign, settings.of_blocks)
         identified = blocks.fill(jobs=runs, shard=shard, progress=progress)
-        n_left, done, n_without = len(blocks.pending()), 0, None
+        n_left, done, n_without = len(blocks.pending_blocks()), 0, None
         if not n_left:
             found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
             first = follow(blocks, campaign, found, None, settings=settings, rule=rule, progress=progress)

@@ -46,7 +46,7 @@ class WholeRecord:
     data: np.ndarray
     target_hz: float
 
-    def identified(self, *, limited: int | None, sub_records: int, **settings) -> IdentifiedRecord:
+    def identify(self, *, limited: int | None, sub_records: int, **settings) -> IdentifiedRecord:
         """`record.identify_record` of it."""
         return identify_record(self.data, self.target_hz, limited=limited, sub_records=sub_records, **settings)
 
@@ -81,7 +81,7 @@ class LossyRecord:
     rate_hz: float
     target_hz: float
 
-    def identified(self, *, limited: int | None, sub_records: int, block_rows: int, **settings) -> IdentifiedRecord:
+    def identify(self, *, limited: int | None, sub_records: int, block_rows: int, **settings) -> IdentifiedRecord:
         """`record.identify_covariances` of the pairs that were measured."""
         found = pair_covariances(self.data, self.rate_hz, self.target_hz, 2 * block_rows - 1, sub_records=sub_records,
                                  limited=limited)
@@ -100,7 +100,7 @@ class LossyRecord:
         return WholeRecord(data=resample(zero_filled(self.data), self.rate_hz, self.target_hz),
                            target_hz=self.target_hz)
 
-    def bridged(self) -> np.ndarray:
+    def interpolate_gaps(self) -> np.ndarray:
         """(n_sample, n_channel) at target_hz with straight lines over gaps: good for following a rotor's angle."""
         return resample(fill_short_gaps(self.data, len(self.data))[0], self.rate_hz, self.target_hz)
 

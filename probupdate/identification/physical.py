@@ -66,7 +66,7 @@ class PersistenceSettings:
             if not 0 < getattr(self, name) <= 1:
                 raise InputError(name, f"{getattr(self, name)} is not in (0, 1]", "give a share")
 
-    def needed(self, n_block: int) -> float:
+    def needed_blocks(self, n_block: int) -> float:
         return self.weight + self.share * n_block
 
 
@@ -271,10 +271,10 @@ class PhysicalModes:
     notes: tuple[str, ...]
     rows: tuple[np.ndarray, ...] = ()
 
-    def only(self, chosen: Sequence[int]) -> PhysicalModes:
+    def select(self, chosen: Sequence[int]) -> PhysicalModes:
         """The modes numbered `chosen`, renumbered."""
         chosen = [int(k) for k in chosen]
-        return replace(self, modes=self.modes.only(chosen, number=True), weight=frozen_array(self.weight[chosen]),
+        return replace(self, modes=self.modes.select(chosen, number=True), weight=frozen_array(self.weight[chosen]),
                        damping_ratio=frozen_array(self.damping_ratio[chosen]), rows=tuple(self.rows[k] for k in chosen))
 
 
@@ -343,7 +343,7 @@ class _Persistence:
     def of(cls, settings: PersistenceSettings, state: list[str], n_block: int, block_seconds: float) -> _Persistence:
         count = {name: state.count(name) for name in set(state) - {"mixed", "unknown", ""}}
         count = {name: n for name, n in count.items() if n >= settings.least_blocks}
-        core = CORE * min(settings.needed(n) for n in [n_block, *count.values()])
+        core = CORE * min(settings.needed_blocks(n) for n in [n_block, *count.values()])
         return cls(settings=settings, state=state, count=count, core=core, n_block=n_block, block_seconds=block_seconds)
 
     def clusters(self, candidates: Candidates, rows: np.ndarray) -> list[_Cluster]:
@@ -360,8 +360,8 @@ class _Persistence:
         return found
 
     def often(self, weight: np.ndarray) -> bool:
-        return bool(weight.sum() >= self.settings.needed(self.n_block)) or any(
-            weight[[one == name for one in self.state]].sum() >= self.settings.needed(n)
+        return bool(weight.sum() >= self.settings.needed_blocks(self.n_block)) or any(
+            weight[[one == name for one in self.state]].sum() >= self.settings.needed_blocks(n)
             for name, n in self.count.items())
 
 

@@ -62,7 +62,7 @@ class ReferenceModes:
             return None
         return pair if is_along_x(first) else (pair[1], pair[0])
 
-    def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
+    def select(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
         """The modes `chosen`, in that order; renumbered, or with `labels`. A pair that loses a mode is none."""
         chosen = [int(i) for i in chosen]
         place = {old: new for new, old in enumerate(chosen)}

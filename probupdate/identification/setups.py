@@ -207,7 +207,7 @@ def _setup_part(
         shapes.append(real / np.abs(real).max())
     if not chosen:
         return None, {}, absent
-    part = found.only(chosen)
+    part = found.select(chosen)
     span = part.modes.range_hz
     modes = replace(part.modes, shape=np.column_stack(shapes), frequency_hz=part.modes.frequency_hz * np.exp(shift),
                     range_hz=None if span is None else span * np.exp(shift))

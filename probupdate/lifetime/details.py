@@ -82,7 +82,7 @@ class Detail:
     chord_along: np.ndarray | None = None
 
     @property
-    def away(self) -> np.ndarray:
+    def along_brace(self) -> np.ndarray:
         """(3,) from the weld along the brace."""
         return -self.along if self.end else self.along
 
@@ -386,7 +386,7 @@ def _partner(detail: Detail, ends: Sequence[Detail]) -> Detail | None:
     the nearest in diameter where there are several."""
 
     def normal_to_chord(one: Detail) -> np.ndarray:
-        return one.away - detail.chord_along * (detail.chord_along @ one.away)
+        return one.along_brace - detail.chord_along * (detail.chord_along @ one.along_brace)
 
     mine = normal_to_chord(detail)
     found = []
@@ -395,7 +395,7 @@ def _partner(detail: Detail, ends: Sequence[Detail]) -> Detail | None:
             continue
         theirs = normal_to_chord(other)
         cosine = mine @ theirs / (np.linalg.norm(mine) * np.linalg.norm(theirs))
-        leaning = (detail.away @ detail.chord_along) * (other.away @ detail.chord_along)
+        leaning = (detail.along_brace @ detail.chord_along) * (other.along_brace @ detail.chord_along)
         if cosine > ONE_PLANE and leaning < 0:
             found.append(other)
     if not found:

@@ -69,13 +69,13 @@ class FatigueModel:
         """With the modes' names as they are at this parameter vector, at all that are near."""
         return replace(self, models=tuple(m.labelled_at(theta) for m in self.models))
 
-    def picked(self, spots: Sequence[int] | np.ndarray) -> FatigueModel:
+    def select(self, spots: Sequence[int] | np.ndarray) -> FatigueModel:
         """With these hot spots only, in this order."""
         chosen = sorted({self.spots[k].detail for k in spots})
         new = {old: k for k, old in enumerate(chosen)}
         return replace(
             self,
-            models=tuple(m.picked(chosen) for m in self.models),
+            models=tuple(m.select(chosen) for m in self.models),
             details=tuple(self.details[k] for k in chosen),
             spots=tuple(replace(self.spots[k], detail=new[self.spots[k].detail]) for k in spots),
         )

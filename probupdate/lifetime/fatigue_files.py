@@ -118,7 +118,7 @@ def assess(
     planned, updated = SpotDamage.of(design), damage_at_many(model, draws, dampings, progress)
     worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
     curve = DamageCurve.of(_select_spots(model, design, worst))
-    few = model.picked(worst)
+    few = model.select(worst)
     left_out: list[str] = []
     factor = {
         "updated": [curve.factor(np.log(s.per_year[worst])) for s in updated],
@@ -126,7 +126,7 @@ def assess(
     }
     damping = StateDamping.mean(dampings)
     mean = draws.mean(axis=0)
-    about_mean = full.picked(worst).reduced_for_derivatives(mean)
+    about_mean = full.select(worst).reduced_for_derivatives(mean)
     slope = about_mean.solve(mean, damping, derivatives=True).equivalent_change(SLOPES[1]).T
     parts, direct, gain = None, None, None
     if given.updated is None:
@@ -226,7 +226,7 @@ def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
 
 
 def _select_spots(model: FatigueModel, stress: Stress, spots: np.ndarray) -> Stress:
-    return Stress(owner=model.picked(spots), responses=stress.responses, moments=stress.moments[..., spots])
+    return Stress(owner=model.select(spots), responses=stress.responses, moments=stress.moments[..., spots])
 
 
 def _scatter_between_sets(slope: np.ndarray, updates: np.ndarray | None, measurement: np.ndarray) -> np.ndarray:
@@ -262,7 +262,7 @@ def tolerance_slopes(
     )
     neutral = np.array([*laplace.theta, *(row.effect.neutral for row in rows)])
     # steps of a fiftieth of a tolerance change no mode's name
-    wide = wide.picked(matching_spots(wide, few)).reduced_for_derivatives(neutral).labelled_at(neutral)
+    wide = wide.select(matching_spots(wide, few)).reduced_for_derivatives(neutral).labelled_at(neutral)
     std = np.array([row.source.std for row in rows])
     n = len(base)
     found = np.zeros((len(few.spots), len(problem.error_sources)))
@@ -295,7 +295,7 @@ def _with_causes(
     if tuple(model.parameters.names) != tuple(named.names):
         left_out.append(f"causes in reliability.csv: {named.path.name} has other parameters than its posterior")
         return {}
-    few = model.picked(matching_spots(model, few))
+    few = model.select(matching_spots(model, few))
     draws = named.draws[np.linspace(0, len(named.draws) - 1, CAUSE_DRAWS).astype(int)]
     few = few.reduced([*draws[:: max(1, CAUSE_DRAWS // BASIS_OF)]])
     found = {}
@@ -319,7 +319,7 @@ def _agreement(curve, moments, index: Reliability, c: Conditions, rng) -> tuple[
     the horizon; and the standard error there."""
     mean, std = (m[:1] for m in moments)
     simulated, error = simulated_index(
-        curve.picked([0]), mean, std, c.uncertainty, years=c.life.years, n=SIMULATED, rng=rng
+        curve.select([0]), mean, std, c.uncertainty, years=c.life.years, n=SIMULATED, rng=rng
     )
     gap = np.abs(simulated - index.cumulative[:1])
     k = int(np.argmax(gap))

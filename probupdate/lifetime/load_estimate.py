@@ -177,7 +177,7 @@ def driven(
     hub = basis.T @ np.column_stack([model.hub, model.across])
     some = np.hstack([part(c.load[:, ::EVERY]) for c in cases for part in (np.real, np.imag)])
     slow = max(n_modal, len(m.labels), int(np.searchsorted(m.value, (2 * np.pi * DYNAMIC_HZ) ** 2)))
-    m = m.condensed(np.hstack([hub, some]), slow)
+    m = m.condense(np.hstack([hub, some]), slow)
     V = basis @ m.U
     n_modal = min(n_modal, V.shape[1])
     thrust = m.U.T @ hub
@@ -218,7 +218,7 @@ class Smoother:
         """(n_input, n_line) expected loads given readings (n_line, n_channel) complex."""
         return np.matmul(self.gain, readings[:, :, None])[:, :, 0].T
 
-    def unresolved(self, lines: np.ndarray) -> np.ndarray:
+    def unresolved_covariance(self, lines: np.ndarray) -> np.ndarray:
         """(n, n_input, n_input) covariance P of the loads given any readings, at these lines."""
         H, D = self.of.read(lines), self.load[:, lines].T
         P = -np.matmul(self.gain[lines], H * D[:, None, :])

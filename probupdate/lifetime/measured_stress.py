@@ -549,7 +549,7 @@ def _unresolved_moments(one: Smoother, n_detail: int, every: int = 6) -> np.ndar
         own = lines[start : start + 128]
         T = one.of.unit_stress(own)
         n, rows, i = T.shape
-        left = np.matmul(T, one.unresolved(own)).reshape(n, n_detail, 3, i)
+        left = np.matmul(T, one.unresolved_covariance(own)).reshape(n, n_detail, 3, i)
         density = np.real(np.matmul(left, np.conj(T.reshape(n, n_detail, 3, i).transpose(0, 1, 3, 2))))
         weight = width[start : start + 128] * f[own] ** np.array(ORDERS)[:, None]
         total += np.einsum("kn,ndij->kdij", weight, density, optimize=True)

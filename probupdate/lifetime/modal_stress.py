@@ -34,7 +34,7 @@ class ModalStress:
     omega: np.ndarray
     at: tuple[np.ndarray, ...]
 
-    def damped(self, ratios: Mapping[str, float]) -> ModalStress:
+    def set_damping(self, ratios: Mapping[str, float]) -> ModalStress:
         """With these ratios by label, others as they are."""
         n, ratio = len(self.labels), np.array(self.ratio)
         ratio[:n] = shared_damping(np.sqrt(self.value[:n]), self.labels, ratios, ratio[:n])
@@ -46,7 +46,7 @@ class ModalStress:
         """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
         return times(self.RK, q) - times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
 
-    def condensed(self, loads: np.ndarray, slow: int) -> ModalStress:
+    def condense(self, loads: np.ndarray, slow: int) -> ModalStress:
         """The `slow` lowest modes, and in the place of all others the shapes that static loads (n_basis, n) give them,
         as modes of their own: exact in stiffness, of the first order in mass."""
         if slow >= len(self.value):
@@ -66,7 +66,7 @@ class ModalStress:
         return replace(
             self, value=np.concatenate([self.value[:slow], 1 / slowness]), U=both(self.U), hub=both(self.hub),
             ratio=np.concatenate([self.ratio[:slow], np.full(len(slowness), self.ratio[slow])]), RK=both(self.RK),
-            RM=both(self.RM)).damped({})
+            RM=both(self.RM)).set_damping({})
 
     def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""

@@ -81,7 +81,7 @@ class DamageCurve:
     def n_spot(self) -> int:
         return self.log_damage.shape[1]
 
-    def picked(self, spots) -> DamageCurve:
+    def select(self, spots) -> DamageCurve:
         return DamageCurve(at=self.at, log_damage=frozen_array(self.log_damage[:, spots]))
 
     def value(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -187,7 +187,7 @@ def simulated_index(
     index, error = np.empty(u.shape[:2]), np.empty(u.shape[:2])
     for k in range(curve.n_spot):
         stress = np.array([log_std(uncertainty.x_load), log_std(uncertainty.x_scf), float(np.asarray(std)[k])])
-        one = curve.picked([k])
+        one = curve.select([k])
         for t in range(years):
             # the design point in all five variables: each takes its share of the combined one
             centre = np.concatenate(

@@ -191,7 +191,7 @@ class StressModel:
         kept = value > BASIS_TOLERANCE * value[-1]
         return replace(self, basis=frozen_array(X @ (vector[:, kept] / np.sqrt(value[kept]))))
 
-    def picked(self, details: Sequence[int]) -> StressModel:
+    def select(self, details: Sequence[int]) -> StressModel:
         """With these details only."""
         rows = (3 * np.asarray(details)[:, None] + np.arange(3)).ravel()
         one = replace(
@@ -321,7 +321,7 @@ class StressModel:
             value=value, U=U, labels=labels, ratio=np.full(len(value), self.conditions.damping.ratio),
             plain=np.zeros(0), hub=U.T @ self._project(self.hub), scale=scale, RK=scale * (RK @ U),
             RM=scale * (RM @ U), omega=2 * np.pi * self.frequency_hz, at=at)
-        return one.damped(damping)
+        return one.set_damping(damping)
 
     def _eigen(self, K: np.ndarray, M: np.ndarray, count: int | None) -> tuple[np.ndarray, np.ndarray]:
         """All modes, or the lowest: of M before K where the number is given, as springs at joints may carry no mass."""
@@ -354,7 +354,7 @@ class StressModel:
         moments: list[Any] = [None] * len(self.cases)
         changes = list(moments)
         for operating in {case.state.operating: None for case in self.cases}:
-            m = first.damped(known.for_state(operating))
+            m = first.set_damping(known.for_state(operating))
             here = [k for k, case in enumerate(self.cases) if case.state.operating == operating]
             rates = [1j * m.omega * (self.cases[k].damping_nspm if known.rotor else 0.0) for k in here]
             if rest is None:

@@ -220,7 +220,7 @@ class Parameters:
             raise InputError(f"parameter {name}", "not among the updated ones", f"choose from {', '.join(self.names)}")
         return self.names.index(name)
 
-    def holding(self, values: Mapping[str, float]) -> Parameters:
+    def hold_parameters(self, values: Mapping[str, float]) -> Parameters:
         """The others alone, these held at values of their own. Raises InputError for a name that is not among them, a
         value outside its bounds, one that the prior correlates with another, or where none is left."""
         for name, value in values.items():

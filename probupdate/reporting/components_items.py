@@ -36,7 +36,7 @@ def component_items(update: UpdateRecord) -> list[Element]:
     if parts.measures:
         items.append(_measures_table(update, parts))
     items.append(_responses_table(parts))
-    accused = parts.accused()
+    accused = parts.outlying_responses()
     if accused:
         items.append(Items(title="Where the model misses the data", level="warning", statements=tuple(
             f"{name}: chi-square far beyond what is expected of it." for name in accused)))
@@ -66,7 +66,7 @@ def _measures_table(update: UpdateRecord, parts: ComponentsRecord) -> Table:
 
 
 def _responses_table(parts: ComponentsRecord) -> Table:
-    accused = parts.accused()
+    accused = parts.outlying_responses()
     rows = tuple(
         (name, number(float(found)), number(float(expected), 2), decimal(float(found / max(expected, 1e-12)), 2))
         for name, found, expected in zip(parts.responses, parts.chi_square, parts.expected, strict=True)

@@ -90,7 +90,7 @@ class Executor(ABC):
         self.close(at_once=kind is not None and not issubclass(kind, Exception))
 
     @abstractmethod
-    def completed(
+    def as_completed(
         self, function: Callable[..., T], tasks: Sequence[tuple], *, least: int | None = None,
         lost: Callable[[tuple], T] | None = None,
     ) -> Iterator[T]:
@@ -116,7 +116,7 @@ class Executor(ABC):
         self, function: Callable[..., T], tasks: Sequence[tuple], shared: tuple, least: int
     ) -> Iterator[tuple[int, T]]:
         numbered = [(number, function, shared, task) for number, task in enumerate(tasks)]
-        return self.completed(_run_numbered, numbered, least=least)
+        return self.as_completed(_run_numbered, numbered, least=least)
 
     def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
@@ -130,7 +130,7 @@ def iterate_completed(
 ) -> Iterator[T]:
     """function(*task) of every task, in the order in which they end, on an executor or in up to `jobs` processes."""
     with executor(jobs) as runs:
-        yield from runs.completed(function, tasks, least=least)
+        yield from runs.as_completed(function, tasks, least=least)
 
 
 @contextmanager
@@ -164,7 +164,7 @@ def _run_numbered(number: int, function: Callable[..., T], shared: tuple, task: 
 
 @final
 class _Serial(Executor):
-    def completed(self, function, tasks, *, least=None, lost=None):
+    def as_completed(self, function, tasks, *, least=None, lost=None):
         yield from (function(*task) for task in tasks)
 
 
@@ -179,10 +179,10 @@ class _Processes(Executor):
         self._size = 0
         self._others: set[int | None] = set()
 
-    def completed(self, function, tasks, *, least=None, lost=None):
+    def as_completed(self, function, tasks, *, least=None, lost=None):
         size = self._size or min(self._jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
         if size <= 1 and lost is None:
-            yield from SERIAL.completed(function, tasks)
+            yield from SERIAL.as_completed(function, tasks)
             return
         left = list(enumerate(tasks))
         while left:
@@ -259,7 +259,7 @@ class _DaskCluster(Executor):
             raise InputError("scheduler", f"nothing answers at {address} ({type(error).__name__})",
                              "start one with `dask scheduler` and give its address") from None
 
-    def completed(self, function, tasks, *, least=None, lost=None):
+    def as_completed(self, function, tasks, *, least=None, lost=None):
         distributed = _import_distributed()
         waiting = iter(tasks)
         given: dict[str, tuple] = {}
@@ -308,7 +308,7 @@ class _DaskCluster(Executor):
             held = self._client.scatter([_Bundle(shared, tasks)], hash=False, broadcast=True, timeout=NO_WORKER_S)[0]
         except TimeoutError:
             raise self._no_worker_error() from None
-        return self.completed(_run_bundled, [(number, function, held) for number in range(len(tasks))])
+        return self.as_completed(_run_bundled, [(number, function, held) for number in range(len(tasks))])
 
     def _workers(self) -> int:
         try:

@@ -71,7 +71,7 @@ class AffineModel:
         known = None if self.uncertainty is None else self.uncertainty.with_gravity(felt)
         return replace(self, gravity=stated, uncertainty=known)
 
-    def sharing(self, other: AffineModel) -> AffineModel:
+    def share(self, other: AffineModel) -> AffineModel:
         """The same model, with the other's matrices in place of its own where these are equal: in memory once."""
         def shared(own, others):
             if len(own) != len(others):

@@ -40,9 +40,9 @@ class FunctionModel:
         """As many as the function gives at the initial parameters."""
         return np.size(self.function(np.array(self.parameters.initial))[0])
 
-    def holding(self, values: Mapping[str, float]) -> FunctionModel:
+    def hold_parameters(self, values: Mapping[str, float]) -> FunctionModel:
         """The same function of the other parameters alone, these held at values of their own."""
-        kept = self.parameters.holding(values)
+        kept = self.parameters.hold_parameters(values)
         whole = np.array([values.get(name, 0.0) for name in self.parameters.names])
         free = np.array([name not in values for name in self.parameters.names])
 

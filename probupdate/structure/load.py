@@ -262,7 +262,7 @@ def turbine_model(
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
         derived={} if frame.pile_head is None else pile_head_stiffness(
             frame, updated=parameters.names, values=values, theory=mesh.theory),
-        moved=tuple(m.on(assembled.transform) for m in moved),
+        moved=tuple(m.project(assembled.transform) for m in moved),
         places=dof_places(frame.node_m, assembled.transform),
     )
 

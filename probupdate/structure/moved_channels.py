@@ -38,7 +38,7 @@ class MovedChannels:
         length = float(self.knots[i + 1] - self.knots[i])
         return i, float(h - self.knots[i]) / length, length
 
-    def on(self, basis: Rows) -> MovedChannels:
+    def project(self, basis: Rows) -> MovedChannels:
         """The same of motions that are combinations of the basis (n_dof, r)."""
         return replace(self, powers=tuple(tuple(power @ basis for power in piece) for piece in self.powers))
 

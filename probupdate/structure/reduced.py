@@ -106,7 +106,7 @@ def reduce_alike(
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
     typical = _smallest(largest, checks, TYPICAL)
     if typical is not None:
-        snapshots += _worst(checks, [one.leading(typical) for one in largest])
+        snapshots += _worst(checks, [one.truncate(typical) for one in largest])
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(_unmix_modes(snapshots, K), K, max_size)
         largest = projected(basis, family)
@@ -281,7 +281,7 @@ def _smallest(largest: Sequence[ReducedModel], checks: Sequence[_Checks], share:
     size = largest[0].basis.shape[1]
 
     def held(size: int) -> bool:
-        return all(c.held(one.leading(size), share) for c, one in zip(checks, largest, strict=True))
+        return all(c.held(one.truncate(size), share) for c, one in zip(checks, largest, strict=True))
 
     while not held(min(high, size)):
         if high >= size:

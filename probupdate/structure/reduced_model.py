@@ -56,12 +56,12 @@ class Block:
     at_channels: np.ndarray
     moved: tuple[MovedChannels, ...] = ()
 
-    def leading(self, size: int) -> Block:
+    def truncate(self, size: int) -> Block:
         """Without the vectors from number `size` on."""
         k = int(np.sum(self.rows < size))
         return replace(self, rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
                        at_channels=self.at_channels[:, :k],
-                       moved=tuple(m.on(np.eye(len(self.rows), k)) for m in self.moved))
+                       moved=tuple(m.project(np.eye(len(self.rows), k)) for m in self.moved))
 
     def shapes(self, theta: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """(n, n_row, n_mode) at theta (n, n_param) of vectors (n, k, n_mode)."""
@@ -193,9 +193,9 @@ class ReducedModel:
             blocks.append(replace(block, n_mode=min(most + 1, self.n_mode)))
         return replace(self, blocks=tuple(blocks))
 
-    def leading(self, size: int) -> ReducedModel:
+    def truncate(self, size: int) -> ReducedModel:
         """With the first `size` vectors of the basis only, for `solve_many`."""
-        blocks = tuple(block.leading(size) for block in self.blocks if block.rows[0] < size)
+        blocks = tuple(block.truncate(size) for block in self.blocks if block.rows[0] < size)
         return replace(self, basis=self.basis[:, :size], blocks=blocks)
 
     def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
@@ -230,7 +230,7 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         np.array([0.5 * (a + a.T) for a in (basis.T @ (term @ basis) for term in terms)])
         for terms in (model.stiffness, model.mass)
     )
-    at_channels, moved = model.rows @ basis, tuple(m.on(basis) for m in model.moved)
+    at_channels, moved = model.rows @ basis, tuple(m.project(basis) for m in model.moved)
     motion = len(model.channels)
     projected = AffineModel(
         name=f"{model.name} (reduced)",
@@ -251,7 +251,7 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         blocks.append(Block(
             rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
             mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
-            moved=tuple(m.on(np.eye(len(basis.T))[:, rows]) for m in moved),
+            moved=tuple(m.project(np.eye(len(basis.T))[:, rows]) for m in moved),
         ))
     return ReducedModel(
         full=model, projected=projected, basis=frozen_array(basis), lower=frozen_array(box[0]),

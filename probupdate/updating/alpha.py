@@ -59,7 +59,7 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
                          **options)
         theta = run.theta[-1]
         apart = theta - parameters.initial
-        slope = problem.weighted(problem.sensitivity(theta)[1].T).T
+        slope = problem.whiten(problem.sensitivity(theta)[1].T).T
         _, log_det = np.linalg.slogdet(slope.T @ slope + alpha * weight)
         evidence = 0.5 * (len(theta) * np.log(alpha) - log_det - run.objective[-1])
         pull = weight @ apart

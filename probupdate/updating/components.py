@@ -129,7 +129,7 @@ class WhitenedResponses:
     def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> WhitenedResponses:
         return WhitenedResponses(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
 
-    def scaled(self, rows: np.ndarray, by: float) -> WhitenedResponses:
+    def scale_noise(self, rows: np.ndarray, by: float) -> WhitenedResponses:
         """With the noise of some responses smaller by a factor; rows are of independent noise."""
         scale = np.ones(len(self.slope))
         scale[rows] = by
@@ -198,7 +198,7 @@ def _better(problem: Problem, now: WhitenedResponses) -> Iterator[Candidate]:
                 halved = (variance[rows] - missed[rows]) / 4 + missed[rows]
                 by = float(np.sqrt(np.mean(variance[rows]) / np.mean(halved)))
                 yield Candidate(what=f"identify the {what} of {names} twice as exactly",
-                                covariance=now.scaled(rows, by).covariance())
+                                covariance=now.scale_noise(rows, by).covariance())
         frequency, shape = frequency + group.size, shape + size
 
 

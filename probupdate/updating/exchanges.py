@@ -41,7 +41,7 @@ def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
         for row, exchange in zip(swapped, exchanges, strict=True):
             for i, j in exchange:
                 row[[i, j]] = at[[j, i]]
-        off = problem.weighted(problem.predict_many(swapped).response - problem.predict(at))
+        off = problem.whiten(problem.predict_many(swapped).response - problem.predict(at))
         return [one for one, apart in zip(exchanges, off, strict=True) if np.all(np.abs(apart) < SWAPPED)]
 
     single = unchanged([(pair,) for pair in pairs])

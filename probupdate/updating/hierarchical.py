@@ -86,7 +86,7 @@ class _Hyper:
         self.n, self.correlated = len(parameters), correlated
         self.n_x = 2 * self.n + (self.n * (self.n - 1) // 2 if correlated else 0)
         self.spread = spread * coordinates.scale
-        drawn = coordinates.to(parameters.draw(np.random.default_rng(0), N_PRIOR))
+        drawn = coordinates.transform(parameters.draw(np.random.default_rng(0), N_PRIOR))
         self.prior_mean = drawn.mean(axis=0)
         self.prior_precision = np.linalg.inv(np.atleast_2d(np.cov(drawn.T)) * PROPOSAL_VARIANCE)
 
@@ -306,5 +306,5 @@ def _start(hyper: _Hyper, n_walker: int, rng: np.random.Generator) -> np.ndarray
     width = np.minimum(parameters.std, parameters.upper - parameters.lower)
     low = parameters.lower + width * rng.uniform(0.001, 0.05, theta.shape)
     high = parameters.upper - width * rng.uniform(0.001, 0.05, theta.shape)
-    x[:, : hyper.n] = hyper.coordinates.to(np.clip(theta, low, high))
+    x[:, : hyper.n] = hyper.coordinates.transform(np.clip(theta, low, high))
     return x

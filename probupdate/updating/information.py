@@ -131,7 +131,7 @@ def information(
         raise InputError("theta", f"{point.size} values for {len(parameters)} parameters", "give one a parameter")
     response, sensitivity = problem.sensitivity(point)
     root = np.linalg.cholesky(parameters.covariance)
-    white = problem.weighted(sensitivity.T).T
+    white = problem.whiten(sensitivity.T).T
     effect = white @ root
     fisher = effect.T @ effect
     covariance = root @ np.linalg.inv(np.eye(len(point)) + fisher) @ root.T

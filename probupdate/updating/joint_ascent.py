@@ -99,7 +99,7 @@ class FarmAscent:
     def with_error(self, error: SharedError, u: np.ndarray, z: np.ndarray, x: np.ndarray | None) -> Place:
         layout = Layout.of(self.roles, self.scores.covariance, error.middle)
         inners = group_inners(error, self.new, self.set_turbine)
-        system, turn = FarmSystem.of(inners, layout, error.kind, error.form).informed(
+        system, turn = FarmSystem.of(inners, layout, error.kind, error.form).keep_informed(
             self.scales.hyper, self.scales.learnt)
         if self.wide is not None:
             system = system.with_wide(self.wide)

@@ -122,7 +122,7 @@ class JointEstimate:
         estimate, where all that turbines share is known; number: of each month's turbine."""
         problems = [*self.error.problems, *(p for month in months for p in month.problems)]
         own = np.concatenate([self.scores.back(self.error.centre),
-                              *(np.tile(self.scores.back(np.clip(self.scores.to(m.theta), -BEGIN, BEGIN)),
+                              *(np.tile(self.scores.back(np.clip(self.scores.transform(m.theta), -BEGIN, BEGIN)),
                                         (len(m.problems), 1)) for m in months)])
         error = shared_error(problems, own, self.scores)
         # modes and channels that the joint inference does not know follow its own, and pairs that mix follow its pairs
@@ -201,7 +201,7 @@ def estimate_farm(
     ascent = FarmAscent(problems=problems, roles=roles, scores=scores, scales=scales, new=new, progress=progress,
                         set_turbine=np.repeat(np.arange(len(turbines)), [len(t.problems) for t in turbines]))
     # far from the estimate the misfit looks like an error of the model: values first, at scales as they are expected
-    start = np.clip(scores.to(np.array([t.theta for t in turbines])), -BEGIN, BEGIN)
+    start = np.clip(scores.transform(np.array([t.theta for t in turbines])), -BEGIN, BEGIN)
     place, _ = ascent.ascend(ascent.start(start), ALIKE)
     ascent.learnt = True
     ascent.new = _new_scales(place.error, ascent.set_turbine, roles, scores.covariance, scales.tau(place.x))
@@ -254,7 +254,7 @@ class JointPosterior:
         return float(np.mean(~np.isfinite(self.draws.log_weight)))
 
     @property
-    def unweighted(self) -> np.ndarray:
+    def equal_weights(self) -> np.ndarray:
         """The same weight (n,) of each draw that has any, of all where none has."""
         some = np.isfinite(self.draws.log_weight)
         return np.where(some, 1 / some.sum(), 0.0) if some.any() else np.full(len(some), 1 / len(some))

@@ -53,7 +53,7 @@ class LinearSet:
     @cached_property
     def white(self) -> np.ndarray:
         """Whitened (slope, effect, residual) (n, n_param + n_e + 1)."""
-        return self.problem.weighted(np.column_stack([self.slope, self.effect, self.residual]).T).T
+        return self.problem.whiten(np.column_stack([self.slope, self.effect, self.residual]).T).T
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,7 +76,7 @@ class TurbineModel:
         for one in self.sets:
             problem = one.problem.with_model(models[one.problem.model.fingerprint()])
             line = one.problem.measured - one.residual + (u - one.middle) @ one.slope.T
-            beside = one.problem.weighted(problem.predict_many(theta).response - line)
+            beside = one.problem.whiten(problem.predict_many(theta).response - line)
             total = total + np.column_stack([beside @ one.white, np.sum(beside**2, axis=1)])
         return total
 
@@ -163,7 +163,7 @@ class Arrow:
         own = np.einsum("icl,ic->il", self.local, bend[:, :n])
         return self.gather(own) - self.follow.T @ bend[:, n:].sum(axis=0)
 
-    def curved(self, slope: np.ndarray) -> np.ndarray:
+    def curvature(self, slope: np.ndarray) -> np.ndarray:
         """H + A^T n' (n_w, n_w) of derivatives (n_turbine, n_param + n_e, n_param)."""
         n = slope.shape[1] - len(self.follow)
         moved = slope @ self.local
@@ -222,7 +222,7 @@ class _Moving:
             return
         if slope is None:
             slope = self._update_derivatives(bend, arrow.moved(trial - self.shift))
-        whole = arrow.curved(slope)
+        whole = arrow.curvature(slope)
         n = bend.shape[1] - 2 - len(arrow.follow)
         self.shift, self.missed, self.bend, self.slope = trial, missed, bend, slope
         self.error = -linalg.cho_solve(arrow.error, bend[:, n:-2].sum(axis=0)) - arrow.follow @ trial

@@ -71,7 +71,7 @@ def odd_turbines(
             break
         nodes = _nodes(system.chosen(np.flatnonzero(counts)), scales, seed)
         mixtures = _mixtures(system, counts, scales, nodes, wide)
-        judged: list[tuple[Any, ...]] = [m.judged(share) for m in mixtures]
+        judged: list[tuple[Any, ...]] = [m.judge_turbines(share) for m in mixtures]
         found = OddTurbines(**{name: frozen_array([one[k] for one in judged]) for k, name in enumerate(
             ("probability", "share", "shift", "shift_std"))}, limit=found.limit)
         fresh = _counted_as_typical(counts, found.probability)
@@ -153,7 +153,7 @@ class _Mixture:
     g: np.ndarray
     wide: np.ndarray
 
-    def judged(self, share: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    def judge_turbines(self, share: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Probability to be odd, that in each parameter (n_z,), shift and its standard deviation."""
         base = (self.log_weight + self.log_likelihood)[:, None]
         density = base + _log_factor(self.f, self.g, self.wide)

@@ -70,7 +70,7 @@ class NormalScores:
         known = self.parameters.correlation
         return np.eye(len(self.parameters)) if known is None else np.array(known)
 
-    def to(self, theta: np.ndarray) -> np.ndarray:
+    def transform(self, theta: np.ndarray) -> np.ndarray:
         x, (low, high) = self._standard(np.asarray(theta, float)), self._ends
         mass = _normal_mass(low, high)
         below = np.where(self._uniform, x, _normal_mass(low, x) / mass)
@@ -102,7 +102,7 @@ class NormalScores:
         """d theta / d u (..., n_param)."""
         theta = np.asarray(theta, float)
         (low, high), scale = self._ends, self._size[1]
-        u = self.to(theta)
+        u = self.transform(theta)
         x = np.where(np.isinf(low) & np.isinf(high), u, self._standard(theta))
         density = np.exp(-0.5 * (u**2 - np.where(self._uniform, 0.0, x**2)))
         density = density * np.where(self._uniform, 1 / np.sqrt(2 * np.pi), _normal_mass(low, high))

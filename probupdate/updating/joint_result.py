@@ -52,7 +52,7 @@ def infer_farm(
     names = tuple(t.name for t in turbines)
     corrected = posterior.lost <= MOST_LOST and (
         posterior.pareto_k <= TRUSTED_K or posterior.effective >= ALIKE * len(posterior.weight))
-    weight = posterior.weight if corrected else posterior.unweighted
+    weight = posterior.weight if corrected else posterior.equal_weights
     k = posterior.pareto_k
     return FarmJoint(
         turbines=names, odd_probability=tuple(float(p) for p in estimate.odd.probability),

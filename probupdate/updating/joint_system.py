@@ -192,7 +192,7 @@ class FarmSystem:
         """Of products, those of `columns` (n_turbine, n_column, n_a)."""
         return self.products[:, 1 + self.columns]
 
-    def scattered(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def scatter_factors(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """X (..., n_turbine, n_column, n_a), products - X^T X are those with a_i integrated out; and ln of what that
         costs (..., n_turbine); tau (..., n_varying)."""
         root = np.linalg.cholesky(self._inner(tau))
@@ -205,7 +205,7 @@ class FarmSystem:
 
     def whole(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products (..., n_a, n_a) and constant (...,) of all turbines together, of tau (..., n_varying)."""
-        X, lost = self.scattered(tau)
+        X, lost = self.scatter_factors(tau)
         X = X.reshape(*X.shape[:-3], -1, X.shape[-1])
         return self._whole - np.swapaxes(X, -1, -2) @ X, np.sum(self.constant) - lost.sum(axis=-1)
 
@@ -216,7 +216,7 @@ class FarmSystem:
 
     def each(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products (n_turbine, n_a, n_a) and constant (n_turbine,) of every turbine, a_i integrated out."""
-        X, lost = self.scattered(tau)
+        X, lost = self.scatter_factors(tau)
         return self.products - np.swapaxes(X, 1, 2) @ X, self.constant - lost
 
     def evidences(
@@ -279,7 +279,7 @@ class FarmSystem:
         scale = np.concatenate([np.ones((*shared.shape[:-1], 1)), shared], axis=-1)[..., self.kind]
         return np.where(self.kind == 0, 1.0, np.hypot(scale, self.form))
 
-    def informed(self, shared: np.ndarray, learnt: bool) -> tuple[FarmSystem, np.ndarray]:
+    def keep_informed(self, shared: np.ndarray, learnt: bool) -> tuple[FarmSystem, np.ndarray]:
         """The same in fewer common unknowns, standard normal: directions of which the data say anything; and the turn
         (n_e, n_kept) back to e. Those whose scale is learnt stay as they are."""
         std = self.common_std(shared)

@@ -207,7 +207,7 @@ def gaussian_at(
     """Of responses linear about a point, with residual (n_response,), slope (n_response, n_param) there and the prior's
     precision and slope of ln p (n_param,): ln of the integral over the parameters + const, the step from the point to
     the maximum, and the inverse precision."""
-    white, X = problem.weighted(residual), problem.weighted(slope.T).T
+    white, X = problem.whiten(residual), problem.whiten(slope.T).T
     precision = X.T @ X + prior_precision
     pull = X.T @ white + prior_pull
     covariance = np.linalg.inv(precision)
@@ -235,8 +235,8 @@ def _system(problem: Problem, theta: np.ndarray):
     """Residual and its slope of the whole posterior, and the data's part of the slope."""
     response, sensitivity = problem.sensitivity(theta)
     prior, prior_slope = prior_residual(problem.parameters, theta)
-    data_slope = problem.weighted(sensitivity.T).T
-    residual = np.concatenate([problem.weighted(response - problem.measured), prior])
+    data_slope = problem.whiten(sensitivity.T).T
+    residual = np.concatenate([problem.whiten(response - problem.measured), prior])
     return residual, np.vstack([data_slope, prior_slope]), data_slope
 
 

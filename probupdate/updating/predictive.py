@@ -90,7 +90,7 @@ def predictive_check(problem: Problem, laplace: Laplace, *, seed: int = 1) -> Pr
     parameters = problem.parameters
     response, sensitivity = problem.sensitivity(laplace.theta)
     root = linalg.cholesky(parameters.covariance, lower=True)
-    slope = problem.weighted(sensitivity.T).T @ root
+    slope = problem.whiten(sensitivity.T).T @ root
     u, singular, _ = np.linalg.svd(slope, full_matrices=False)
     gain = singular[: problem.n_effective] ** 2
     # directions that no parameter moves are noise alone
@@ -103,7 +103,7 @@ def predictive_check(problem: Problem, laplace: Laplace, *, seed: int = 1) -> Pr
     if free:
         left = left + rng.chisquare(free, N_SUM)
     begin = problem.predict(parameters.initial)
-    bent = problem.weighted(begin - response) - slope @ -off
+    bent = problem.whiten(begin - response) - slope @ -off
     return PredictiveCheck(
         n_effective=problem.n_effective, total=misfit + penalty,
         total_p=float(stats.chi2.sf(misfit + penalty, problem.n_effective)),

@@ -243,7 +243,7 @@ class Problem:
         """m (n_response,): what the model is expected to miss of every response; part of `predict`."""
         return np.zeros(self.measured.size) if self.error is None else self.error.mean
 
-    def weighted(self, residual: np.ndarray) -> np.ndarray:
+    def whiten(self, residual: np.ndarray) -> np.ndarray:
         """W_Lambda^(1/2) residual: (..., n_response) -> (..., n_response), or (..., n_effective) of a covariance."""
         return residual / self.std if self.root is None else residual @ self.root.T
 
@@ -273,7 +273,7 @@ class Problem:
             k = group.size
             own = np.take_along_axis(solved.frequency_hz, columns, axis=1)
             shape = np.take_along_axis(solved.shape[:, group.rows], columns[:, None, :], axis=2)
-            frequency[:, start : start + k], shape = group.combined(own, shape)
+            frequency[:, start : start + k], shape = group.combine_modes(own, shape)
             if group.shapes != "none":
                 parts.append(group.aligned(shape).transpose(0, 2, 1).reshape(len(theta), -1))
             if k == 1 and not group.n_mates:
@@ -353,7 +353,7 @@ class Problem:
         for group, columns in zip(self.groups, clusters, strict=True):
             members = list(columns)
             own = solution.frequency_hz[members], solution.shape[group.rows][:, members]
-            frequency, shape = group.combined(own[0][None], own[1][None])
+            frequency, shape = group.combine_modes(own[0][None], own[1][None])
             change = group.combined_derivative(*own, frequency_slope[members], shape_slope[group.rows][:, members])
             response.append(frequency[0])
             slope.append(change[0])
@@ -469,7 +469,7 @@ class Problem:
 
     def misfit(self, response: np.ndarray) -> np.ndarray:
         """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
-        return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)
+        return np.sum(self.whiten(self.measured - response) ** 2, axis=-1)
 
     @cached_property
     def log_constant(self) -> float:
@@ -522,7 +522,7 @@ class Problem:
     def _shifts(self) -> np.ndarray | float:
         """Over its noise, by how much what each node expects of the error differs from `mean`: (n_node, n_effective).
         """
-        return np.array([node.weighted(node.mean - self.mean) for _, node in self.given]) if self.given else 0.0
+        return np.array([node.whiten(node.mean - self.mean) for _, node in self.given]) if self.given else 0.0
 
     def log_density(self, response: np.ndarray) -> np.ndarray:
         """ln p(Lambda_S) (n,) where the model answers `response` (n, n_response): Gaussian, averaged over the

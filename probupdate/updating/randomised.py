@@ -34,13 +34,13 @@ def randomised_maxima(problem: Problem, rng: np.random.Generator, progress: Prog
     n, scale = len(parameters), map_u.scale
     inside = INSIDE * np.minimum(parameters.std, parameters.upper - parameters.lower)
     least = np.where(map_u.logarithmic, np.maximum(parameters.lower, 0.0), parameters.lower)
-    low, high = (map_u.to(bound) / scale for bound in (least + inside, parameters.upper - inside))
+    low, high = (map_u.transform(bound) / scale for bound in (least + inside, parameters.upper - inside))
 
     # x = u in the prior's standard deviations
     def residuals(x: np.ndarray) -> np.ndarray:
         return _residuals(problem, np.clip(map_u.back(x * scale), parameters.lower, parameters.upper))
 
-    x = np.clip(map_u.to(parameters.draw(rng, max(FEWEST, PER_PARAMETER * n))) / scale, low, high)
+    x = np.clip(map_u.transform(parameters.draw(rng, max(FEWEST, PER_PARAMETER * n))) / scale, low, high)
     begin, residual = x.copy(), residuals(x)
     noise = rng.standard_normal(residual.shape)
     moving, settled = np.all(np.isfinite(residual), axis=1), np.zeros(len(x), bool)
@@ -75,8 +75,8 @@ def randomised_maxima(problem: Problem, rng: np.random.Generator, progress: Prog
 def _residuals(problem: Problem, theta: np.ndarray) -> np.ndarray:
     """Weighted (n, n_effective) at theta (n, n_param), NaN where the model has no modes."""
     try:
-        return problem.weighted(problem.measured - problem.predict_many(theta).response)
+        return problem.whiten(problem.measured - problem.predict_many(theta).response)
     except (ProbupdateError, np.linalg.LinAlgError):
         if len(theta) == 1:
-            return np.full((1, problem.weighted(problem.measured).size), np.nan)
+            return np.full((1, problem.whiten(problem.measured).size), np.nan)
         return np.concatenate([_residuals(problem, half) for half in np.array_split(theta, 2)])

@@ -273,7 +273,7 @@ class ResponseGroup:
         """Orthonormal basis (n, n - k) of what is orthogonal to the plane: where a residual carries information."""
         return linalg.null_space(self.basis.T)
 
-    def combined(self, frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def combine_modes(self, frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (m, k) and shapes (m, n, k) that are compared, of the computed (m, k + n_mates) and
         (m, n, k + n_mates): of one of a pair its combination, else as they are."""
         if not self.n_mates:

@@ -99,7 +99,7 @@ def learn_scales(
         return LearntScales(nodes=(one,), new=new, shared=(one,), learnt=False, marginal=(np.ones(1),) * N_AXIS,
                             axes=tuple(np.array([x]) for x in (*new, *one.shared)))
     grid = _Grid(error, prior, tau, evidence)
-    axes = grid.scanned()
+    axes = grid.scan_axes()
     for _ in range(ROUNDS):
         value = grid.values(axes)
         axes = [_about(axis, special.logsumexp(value, axis=_sum_over_other_axes(k)), grid.number[k])
@@ -157,7 +157,7 @@ class _Grid:
         if self.own_evidence is not None:
             return self.own_evidence(new, shared)
         if new not in self.kept:
-            self.kept[new] = self.error.summed(new) if self.tau is None else total(self.error.each(new, self.tau))
+            self.kept[new] = self.error.sum_sets(new) if self.tau is None else total(self.error.each(new, self.tau))
         return self.kept[new].evidence(self.error.common_std(shared), self.prior)
 
     def values(self, axes: Sequence[np.ndarray]) -> np.ndarray:
@@ -166,7 +166,7 @@ class _Grid:
         found = [[self.evidence((float(a), float(b)), shared) for b in axes[1]] for a in axes[0]]
         return np.array(found).reshape([len(axis) for axis in axes]) + self.log_prior(axes)
 
-    def scanned(self) -> list[np.ndarray]:
+    def scan_axes(self) -> list[np.ndarray]:
         """Where each scale's conditional has its mass, the others at their best so far."""
         tops = (MOST, SHAPE_FACTOR * MOST) * 2 + (2 * MOST,)
         full = [np.geomspace(SPAN * h, top, N_SCAN) if there else np.array([h])

@@ -22,7 +22,7 @@ class Coordinates:
     logarithmic: np.ndarray
     scale: np.ndarray
 
-    def to(self, theta: np.ndarray) -> np.ndarray:
+    def transform(self, theta: np.ndarray) -> np.ndarray:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.logarithmic, np.log(np.where(self.logarithmic, theta, 1.0)), theta)
 
@@ -99,12 +99,12 @@ def linearise(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coord
     value, gradient, precision = [], [], []
     for problem, point in zip(solved_once(problems), theta, strict=True):
         response, sensitivity = problem.sensitivity(point)
-        slope = problem.weighted((sensitivity * coordinates.rate(point)).T).T
-        residual = problem.weighted(problem.measured - response)
+        slope = problem.whiten((sensitivity * coordinates.rate(point)).T).T
+        residual = problem.whiten(problem.measured - response)
         value.append(float(problem.log_likelihood(point)[0]))
         gradient.append(slope.T @ residual)
         precision.append(slope.T @ slope)
     return SetLikelihoods(
-        ids=tuple(p.set_id for p in problems), centre=frozen_array(coordinates.to(np.asarray(theta))),
+        ids=tuple(p.set_id for p in problems), centre=frozen_array(coordinates.transform(np.asarray(theta))),
         value=frozen_array(value), gradient=frozen_array(gradient), precision=frozen_array(precision),
     )

@@ -85,7 +85,7 @@ class _WeightedDraws:
     def variance(self) -> np.ndarray:
         return self.weight @ (self.theta - self.mean()) ** 2
 
-    def resampled(self, n: int, rng: np.random.Generator) -> np.ndarray:
+    def resample(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self.theta[rng.choice(len(self.theta), size=n, p=self.weight)]
 
 
@@ -109,7 +109,7 @@ def joint_posterior(
         proposal = Mixture(parameters=parameters, components=tuple(each),
                            weight=frozen_array(np.full(len(each), 1 / len(each))))
         theta = proposal.draw(n_draw, rng)
-        u = coordinates.to(theta)
+        u = coordinates.transform(theta)
         log_weight = parameters.log_density(theta) + likelihoods.at(u) - proposal.log_density(theta)
         smooth, k = smoothed_weights(log_weight)
         peak = log_weight.max()
@@ -129,8 +129,8 @@ def joint_posterior(
 
 def _gaussian(likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates):
     """The Gaussian at the maximum of all these sets' posterior in u, found by Newton steps held within the bounds."""
-    lower, upper = coordinates.to(parameters.lower), coordinates.to(parameters.upper)
-    u = coordinates.to(parameters.initial)
+    lower, upper = coordinates.transform(parameters.lower), coordinates.transform(parameters.upper)
+    u = coordinates.transform(parameters.initial)
     step_limit = 2 * coordinates.scale
     for _ in range(60):
         gradient, precision = _slopes(likelihoods, parameters, coordinates, u)
@@ -209,7 +209,7 @@ def view_sets(
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
     scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
     share = _effective_shares(noise, likelihoods, population, coordinates, parameters, rng)
-    population = shared.widened(population, expected, scales.new, scales.shared, prior, rng)
+    population = shared.widen(population, expected, scales.new, scales.shared, prior, rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, own, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
@@ -282,12 +282,12 @@ class Common:
         by_new: dict[tuple[float, float], list] = {}
         for scales in self.scales.nodes:
             by_new.setdefault(scales.new, []).append(scales)
-        return join_densities([self.error.likelihoods(self.error.summed(new), rows) for new, rows in by_new.items()])
+        return join_densities([self.error.likelihoods(self.error.sum_sets(new), rows) for new, rows in by_new.items()])
 
 
 def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> GaussianPrior:
     """Mean and precision in u of the prior within its bounds."""
-    drawn = coordinates.to(parameters.draw(np.random.default_rng(0), N_PRIOR))
+    drawn = coordinates.transform(parameters.draw(np.random.default_rng(0), N_PRIOR))
     return drawn.mean(axis=0), np.linalg.inv(np.atleast_2d(np.cov(drawn.T)))
 
 
@@ -384,8 +384,8 @@ def _derived_rows(model, maxima, alone, joint, population, coordinates, paramete
     per_set = max(2, n // len(alone))
     pick = rng.choice(len(population.mean), size=n)
     new = np.clip(coordinates.back(population.draw_new(rng)), parameters.lower, parameters.upper)[pick]
-    middle, shared = coordinates.back(population.mean)[pick], joint.resampled(n, rng)
-    own = [x.resampled(per_set, rng) for x in alone]
+    middle, shared = coordinates.back(population.mean)[pick], joint.resample(n, rng)
+    own = [x.resample(per_set, rng) for x in alone]
     nan, rows = float("nan"), []
     for name, compute in derived.items():
         tops = np.array([compute(x.theta) for x in maxima])

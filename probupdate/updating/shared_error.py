@@ -202,7 +202,7 @@ class SharedError:
                                         np.arange(len(r)) >= noise.n_frequency, noise.counted]))
         return np.concatenate(rows), *np.concatenate(own).T
 
-    def summed(self, new: tuple[float, float]) -> Inner:
+    def sum_sets(self, new: tuple[float, float]) -> Inner:
         """Of all sets: as `total(each(new))`, at once where responses are independent."""
         first = self.problems[0]
         if first.weights.covariance or first.weights.shapes == "mac":
@@ -272,7 +272,7 @@ class SharedError:
             found.append(replace(noise, error=replace(error, mean=frozen_array(error.mean + B @ expected))))
         return found
 
-    def widened(
+    def widen(
         self, population: Population, expected: np.ndarray, new: tuple[float, float], shared: Sequence[Scales],
         prior: GaussianPrior, rng: np.random.Generator,
     ) -> Population:
@@ -359,7 +359,8 @@ def shared_error(
     mixing = _common_mixing(problems)
     n_source, n_pair = problems[0].factor.shape[1], mixing[0].shape[1]
     return SharedError(
-        problems=tuple(problems), centre=frozen_array(coordinates.to(np.asarray(theta))), residual=tuple(residual),
+        problems=tuple(problems), centre=frozen_array(coordinates.transform(np.asarray(theta))),
+        residual=tuple(residual),
         slope=tuple(slope), effect=tuple(np.column_stack([p.factor, e, m]) for p, e, m in
                                          zip(problems, effect, mixing, strict=True)),
         kind=np.concatenate([np.full(n_source, SOURCE), kind, np.full(n_pair, MIXING)]),

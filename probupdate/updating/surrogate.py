@@ -75,7 +75,7 @@ class TruncatedGaussian:
         d = theta - self.centre
         return d @ self.gradient - 0.5 * np.einsum("ij,jk,ik->i", d, self.precision, d)
 
-    def widened(self, factor: float) -> TruncatedGaussian:
+    def widen(self, factor: float) -> TruncatedGaussian:
         """The same mean before the bounds cut it, `factor` times the variance."""
         return TruncatedGaussian(
             centre=self.centre, gradient=self.gradient / factor, precision=self.precision / factor,
@@ -190,9 +190,9 @@ class GaussianApproximation:
         x = theta - self.origin
         return self.gaussian.log_density(to_coordinates(x, self.powers)) - log_jacobian(x, self.powers)
 
-    def widened(self, factor: float) -> GaussianApproximation:
+    def widen(self, factor: float) -> GaussianApproximation:
         """`factor` times the variance, in its coordinates."""
-        return replace(self, gaussian=self.gaussian.widened(factor))
+        return replace(self, gaussian=self.gaussian.widen(factor))
 
     def turned_to(self, powers: tuple[int, ...]) -> GaussianApproximation:
         """The same slope and, but for what the coordinates bend, the same curvature at the centre in other ones."""
@@ -216,7 +216,7 @@ class Proposal:
 
     @cached_property
     def _wide(self) -> GaussianApproximation:
-        return self.approximation.widened(WIDE)
+        return self.approximation.widen(WIDE)
 
     def draw(self, n: int, random) -> np.ndarray:
         """n independent draws (n, n_param)."""
@@ -299,7 +299,7 @@ def fit_surrogate(
     best, best_share = current, 0.0
     for done, (spread, power) in enumerate(ROUNDS):
         progress("posterior's Gaussian approximation", done, len(ROUNDS))
-        wide = current.widened(spread)
+        wide = current.widen(spread)
         theta = wide.draw(n_point, rng)
         value, _ = problem.log_posterior(theta)
         # those without modes, or at the open end of a coordinate, have no height to fit

@@ -142,8 +142,8 @@ class _Objective:
     def step(self, theta: np.ndarray) -> np.ndarray:
         """Eq. 7 within the bounds, as a least-squares problem: rows of the responses over those of the penalty."""
         response, sensitivity = self.problem.sensitivity(theta)
-        matrix = np.vstack([self.problem.weighted(sensitivity.T).T, self.root])
-        residual = self.problem.weighted(self.problem.measured - response)
+        matrix = np.vstack([self.problem.whiten(sensitivity.T).T, self.root])
+        residual = self.problem.whiten(self.problem.measured - response)
         right = np.concatenate([residual, -self.root @ (theta - self.origin(theta))])
         return bounded_step(matrix, right, theta, self.problem.parameters)
 
@@ -216,14 +216,14 @@ def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, 
     path = [np.array(start)]
 
     def residual(theta):
-        return np.concatenate([problem.weighted(problem.predict(theta) - problem.measured),
+        return np.concatenate([problem.whiten(problem.predict(theta) - problem.measured),
                                root @ (theta - parameters.initial)])
 
     def slope(theta):
         # asked for once at every iterate that was accepted
         if np.any(theta != path[-1]):
             path.append(np.array(theta))
-        return np.vstack([problem.weighted(problem.sensitivity(theta)[1].T).T, root])
+        return np.vstack([problem.whiten(problem.sensitivity(theta)[1].T).T, root])
 
     inside = 1e-9 * np.minimum(parameters.std, parameters.upper - parameters.lower)
     found = optimize.least_squares(

@@ -111,7 +111,7 @@ class ComponentsRecord:
     chi_square: np.ndarray
     expected: np.ndarray
 
-    def accused(self) -> tuple[str, ...]:
+    def outlying_responses(self) -> tuple[str, ...]:
         """Responses whose chi-square is far beyond what is expected of them, the worst first."""
         beyond = (self.chi_square - self.expected) / np.sqrt(2 * np.maximum(self.expected, 1.0))
         return tuple(self.responses[k] for k in np.argsort(-beyond) if beyond[k] > ACCUSED)
@@ -326,7 +326,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
                 f"{whose} fit any model; no parameter counts as strongly identified until what is wrong with model or "
                 f"data is found, or smaller ones are stated{_common_factor_words(record)}")
     if misses(record):
-        accused = () if record.components is None else record.components.accused()
+        accused = () if record.components is None else record.components.outlying_responses()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
         remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes "
                   "with --shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find "
@@ -372,7 +372,7 @@ def standing_out(record: UpdateRecord) -> str:
             by = f", {g / std:.1f} of its measurement's standard deviations" if std > 0 else ""
             found.append((g / f, f"{label} is {100 * g / f:.2g} % off{by}"))
     listed = [text for _, text in sorted(found, reverse=True)[:3]]
-    accused = () if record.components is None else record.components.accused()
+    accused = () if record.components is None else record.components.outlying_responses()
     return "; ".join([*listed, *(f"the misfit of the {name} exceeds what is stated" for name in accused[:2]
                                  if not any(name.endswith(f" {text.split(' is ')[0]}") for text in listed))])
 

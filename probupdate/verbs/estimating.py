@@ -316,7 +316,7 @@ def inform(
         if not isinstance(model, str | Path) or not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
         angle = case.model_at.angle_deg(joint.set())
-        every_row = every_parameter(model_path(model)).holding(likelihood.fix or {})
+        every_row = every_parameter(model_path(model)).hold_parameters(likelihood.fix or {})
         whole = load_model(model_path(model), parameters=every_row, nacelle_angle_deg=angle)
         problem = build_problem(case.model_at.with_uncertainty(whole, angle), joint,
                                 weights=replace(case.weights, at=None))

@@ -69,10 +69,10 @@ def open_model(
         if not isinstance(model, FunctionModel):
             raise InputError("fix", f"parameters cannot be held in a {type(model).__name__} that was opened before",
                              "give the model's file, or a FunctionModel")
-        return model.holding(fix)
+        return model.hold_parameters(fix)
     place = {"sensors": sensors, "nacelle_angle_deg": nacelle_angle_deg}
     opened = load_model(model_path(model), parameters=parameters, **place)
-    return load_model(model_path(model), parameters=opened.parameters.holding(fix), **place) if fix else opened
+    return load_model(model_path(model), parameters=opened.parameters.hold_parameters(fix), **place) if fix else opened
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,7 +136,7 @@ def off_by(scales: Scales, error) -> float:
 
 
 def at(error, scales: Scales) -> Mixed:
-    found = error.likelihoods(error.summed(scales.new), [scales])
+    found = error.likelihoods(error.sum_sets(scales.new), [scales])
     return of_quadratics(found, [off_by(scales, error)])
 
 
@@ -181,7 +181,7 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     by_new = defaultdict(list)
     for one in learnt.nodes:
         by_new[one.new].append(one)
-    parts = [own.likelihoods(own.summed(new), rows) for new, rows in by_new.items()]
+    parts = [own.likelihoods(own.sum_sets(new), rows) for new, rows in by_new.items()]
     missed = [off_by(s, own) for rows in by_new.values() for s in rows]
     found = {"ours": of_quadratics(join_densities(parts), missed)}
     seconds = time.process_time() - begin
@@ -192,7 +192,7 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     none = Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     found["ignores"] = at(error, none)
     quiet = found["ignores"]
-    inner = error.summed(none.new)
+    inner = error.sum_sets(none.new)
     _, gradient, precision = inner.reduced(error.common_std(np.zeros((1, 3))))
     d = quiet.mean[0] - inner.middle
     misfit = inner.products[0, 0] - 2 * gradient[0] @ d + d @ precision[0] @ d

@@ -190,7 +190,7 @@ def printed_interval(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     there."""
     found = update(problem, penalty="step", max_iteration=ITERATIONS).theta[-1]
     _, sensitivity = problem.sensitivity(found)
-    over = problem.weighted(sensitivity.T)
+    over = problem.whiten(sensitivity.T)
     precision = over @ over.T + np.linalg.inv(problem.parameters.covariance)
     return found, np.sqrt(np.diag(np.linalg.inv(precision)))
 

@@ -147,7 +147,7 @@ def make_bench(folder: Path, case: str) -> Bench:
     spots = [*worst_spots(start, design.damage_per_year(), N_SPOT - 1)]
     girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
     spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
-    few = full.picked(spots).reduced(draws)
+    few = full.select(spots).reduced(draws)
     curve = DamageCurve.of(few.solve(few.parameters.initial))
     kept = folder / f"direct.{'named' if case == 'scour-named' else 'own'}.npy"
     if not kept.exists():
@@ -352,7 +352,7 @@ def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
             sensors=bench.fatigue.models[0].sensors,
         )
         names = {(whole.details[s.detail].name, s.side, s.place): k for k, s in enumerate(whole.spots)}
-        whole = whole.picked(
+        whole = whole.select(
             [names[bench.fatigue.details[s.detail].name, s.side, s.place] for s in bench.fatigue.spots]
         )
         data = measured(bench, whole, errors, rng)

@@ -55,7 +55,7 @@ def executors(stack: ExitStack) -> dict[str, Executor]:
     for n in (1, 2):
         cluster = stack.enter_context(LocalCluster(n_workers=n, threads_per_worker=1, dashboard_address=None))
         runs = stack.enter_context(dask_cluster(cluster.scheduler_address))
-        list(runs.completed(imported, [(name,) for name in MODULES for _ in range(4)]))
+        list(runs.as_completed(imported, [(name,) for name in MODULES for _ in range(4)]))
         found[f"Dask, {'one worker' if n == 1 else 'two workers'}"] = runs
     return found
 

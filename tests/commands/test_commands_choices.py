@@ -42,7 +42,7 @@ def test_a_run_with_a_held_parameter_goes_on_to_the_report(building):
 def test_a_turbines_parameter_is_held_at_its_value():
     own = load_model(reference_model())
     value = own.parameters.initial[own.parameters.index("m_h")] * 1.1
-    held = load_model(reference_model(), parameters=own.parameters.holding({"m_h": value}))
+    held = load_model(reference_model(), parameters=own.parameters.hold_parameters({"m_h": value}))
     theta = np.array(own.parameters.initial)
     theta[own.parameters.index("m_h")] = value
     expected = own.solve(theta, 4).frequency_hz

@@ -84,7 +84,7 @@ def test_mean_of_blocks_is_that_of_frequencies_and_shapes(stepped):
     """Against plain means of the blocks: pairs of this frame have their axes in x and y."""
     outcome = stepped[2]
     found, n = mean_set(outcome.problem, outcome.fitted)
-    later = outcome.problem.blocks.taken(np.arange(18, 40))
+    later = outcome.problem.blocks.select_blocks(np.arange(18, 40))
     assert n == 22
     plain = later.frequency_hz.mean(axis=0)
     # pairs 1.5 % apart are mixed with the noise of shapes: a mean of ordered frequencies is off by less than that of

@@ -131,7 +131,7 @@ def test_matrices_about_the_priors_centre_are_those_of_all_terms(turbine, valida
     assert {"k_j", "k_p"} <= kept[0] and "a_m" in kept[1]
     spring = Attachment(key=PartKey(cause="spring", at=(0,)), std=1.0,
                         stiffness=rng.standard_normal((1, small.at_channels.shape[1])))
-    wider = small.attached([spring])
+    wider = small.attach_parts([spring])
     for number in range(6):
         theta = p.initial.copy()
         chosen = [*turbine.updated, *rng.integers(0, len(p), 2)]

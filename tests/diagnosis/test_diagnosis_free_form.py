@@ -202,7 +202,7 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
                      why="eigensolver; step")
     rows = elementary(frame.small, str, heights=5)
     part = next(a for e, a in rows if e.cause == PART_CAUSES[3] and "along 45 deg" in e.location and a.tuned_hz > 3)
-    small = frame.small.attached([part])
+    small = frame.small.attach_parts([part])
     (one,) = small.tuned
     theta = np.append(frame.small.parameters.initial, [200.0, 0.05])
     storey = int(np.argmax(np.abs(part.mass[0] @ np.linalg.pinv(frame.small.at_nodes)))) // 3
@@ -459,7 +459,7 @@ def test_attached_parts_are_the_full_models(frame, validation):
     rows = elementary(frame.small, str)
     spring = next(a for e, a in rows if e.cause == PART_CAUSES[0] and e.location.endswith("along 90 deg"))
     mass = next(a for e, a in rows if e.cause == PART_CAUSES[2])
-    small = frame.small.attached([spring, mass])
+    small = frame.small.attach_parts([spring, mass])
     theta = np.append(frame.small.parameters.initial, [2e5, 300.0])
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
     node = int(round(min(float(e.location.split()[-1].strip("[],")) for e, _ in rows

@@ -313,7 +313,7 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
         train = np.flatnonzero(~held)
         cut = replace(one, size=0.5 * one.size,
                       time_profile=replace(one.time_profile, value=one.time_profile.value[train]))
-        less = replace(problem.taken(train), which=np.zeros((0, 2), int),
+        less = replace(problem.select_blocks(train), which=np.zeros((0, 2), int),
                        time_profiles=(TimeProfile(kind="constant", value=np.ones(len(train))),))
         again = fit(less, problem.prior.initial, (cut,))
         # it came all the way, and not to the very place

@@ -342,7 +342,7 @@ def test_equations_of_groups_that_share_unknowns_have_the_dense_solution(sizes, 
     exact = np.linalg.solve(dense, right)
     row.error(factor.solve(right) - exact, 1e-11, of="solution")
     row.error(factor.solve(right[:, 0]) - exact[:, 0], 1e-11, of="solution")
-    row.error(np.sum(factor.half(right) ** 2, axis=0) - np.sum(right * exact, axis=0), 1e-11, of="half")
+    row.error(np.sum(factor.half_solve(right) ** 2, axis=0) - np.sum(right * exact, axis=0), 1e-11, of="half")
     row.error(factor.log_diagonal - 0.5 * np.linalg.slogdet(dense)[1], 1e-10, of="ln determinant")
 
 
@@ -352,6 +352,6 @@ def test_unknowns_held_are_left_out_of_the_equations():
     A, groups = root @ root.T, [np.arange(4), np.arange(4, 6)]
     A[:4, 4:6] = A[4:6, :4] = 0.0
     right, used = rng.standard_normal((9, 2)), [*range(7), 8]
-    half = ArrowFactor.of(A, groups, np.array([6, 8]), np.full(9, 0.1), 0.0).half(right)
+    half = ArrowFactor.of(A, groups, np.array([6, 8]), np.full(9, 0.1), 0.0).half_solve(right)
     exact = np.linalg.solve(np.eye(8) + 0.01 * A[np.ix_(used, used)], right[used])
     assert np.allclose(np.sum(half**2, axis=0), np.sum(right[used] * exact, axis=0), rtol=1e-12) and not half[7].any()

@@ -102,7 +102,7 @@ def test_blocks_far_from_both_neighbours_are_said_and_not_what_stands_between_th
     noise = estimate_noise((y,), (np.ones(n, bool),), (1,), np.ones((n, 1)), np.full(n, ""))
     row.equal(np.flatnonzero(noise.stray[0]).tolist(), moved)
     assert np.ptp(np.delete(noise.weight[0], moved)) == 0
-    np.testing.assert_array_equal(noise.taken(np.array([1, 7])).stray[0], [False, True])
+    np.testing.assert_array_equal(noise.select_blocks(np.array([1, 7])).stray[0], [False, True])
 
 
 @pytest.mark.parametrize(("size", "n_log"), [(1, 1), (2, 3)])
@@ -168,7 +168,7 @@ def test_ways_that_are_free_count_by_what_is_not_known_along_them(validation):
     # the same ways again, or ways within the scatter, are no more
     assert free.also_free(noise.with_free([0.7 * W])) is free
     assert noise.also_free(noise.with_free([0.1 * root[:, :1]])) is noise
-    assert free.taken(np.arange(2)).free is free.free and free.of_groups([]).free == ()
+    assert free.select_blocks(np.arange(2)).free is free.free and free.of_groups([]).free == ()
 
 
 def test_scales_are_drawn_together_where_they_were_told_together():

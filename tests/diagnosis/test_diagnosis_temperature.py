@@ -112,7 +112,7 @@ def test_what_is_not_recorded_is_one_unknown_for_each_wave(prepared, record):
     design = fit(problem, theta).design
     assert design.n_scatter == len(waves) and design.sizes.start == design.sizes.stop
     # a part of the record has its part of the same waves
-    part = problem.taken(np.arange(10, 20))
+    part = problem.select_blocks(np.arange(10, 20))
     for (_, whole, _), (_, own, _) in zip(problem.unrecorded, part.unrecorded, strict=True):
         np.testing.assert_array_equal(own.value, whole.value[10:20])
 

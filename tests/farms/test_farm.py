@@ -297,7 +297,7 @@ def test_a_month_that_ends_its_process_fails_alone(copied):
     farm = replace(read_farm(description), steps=("identify",))
     tasks = [(month, farm, out) for month in farm.months]
     with processes(2) as runs:
-        found = list(runs.completed(lost, tasks, least=1, lost=lambda task: (task[0], months.ended_month(*task))))
+        found = list(runs.as_completed(lost, tasks, least=1, lost=lambda task: (task[0], months.ended_month(*task))))
     assert {(m.turbine, m.month): bool(s.failed) for m, s in found} == {
         ("A", "2024-05"): False, ("A", "2024-06"): True, ("B", "2024-05"): False, ("B", "2024-06"): False}
     assert len(found) == 4 and "ended from outside" in next(s.failed for _, s in found if s.failed)

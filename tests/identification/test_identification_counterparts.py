@@ -93,7 +93,7 @@ def test_what_does_not_match_is_kept_and_said(jacket, reference, write_campaign)
     right = identify(campaign, reference, settings=settings)
     assert [r.match for r in right.data.records] == ["alike"] * 5
     assert all(r.detection == {"unknown": (3, 3)} for r in right.data.records)
-    lacking = reference.only([0, 1, 3, 4])
+    lacking = reference.select([0, 1, 3, 4])
     heave = np.array([1.0 if s.direction[2] else 0.0 for s in campaign.sensors])[:, None]
     others = ReferenceModes(labels=("L1",), frequency_hz=[1.6], shape=heave)
     found = identify(campaign, lacking, others=others, settings=settings)

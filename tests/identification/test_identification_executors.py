@@ -71,8 +71,8 @@ def test_processes_are_kept_for_the_next_tasks():
 def test_a_process_that_ends_by_itself_is_told_and_the_executor_works_on():
     with processes(2) as runs:
         with pytest.raises(ProbupdateError, match="ended by itself"):
-            list(runs.completed(fatal, [(k,) for k in range(3)], least=1))
-        assert dict(runs.completed(square, [(3,), (4,)], least=1)) == {3: 9, 4: 16}
+            list(runs.as_completed(fatal, [(k,) for k in range(3)], least=1))
+        assert dict(runs.as_completed(square, [(3,), (4,)], least=1)) == {3: 9, 4: 16}
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "1/0", "a/b", "1/2/3", "-1/2"])
@@ -195,7 +195,7 @@ def test_a_dask_worker_killed_loses_no_task_and_repeats_none_that_came_back(tmp_
     tasks = [(str(tmp_path), k) for k in range(8)]
     results = []
     with dask_cluster(cluster.scheduler_address) as runs:
-        found = runs.completed(slow_once, tasks)
+        found = runs.as_completed(slow_once, tasks)
         import threading
 
         thread = threading.Thread(target=lambda: results.extend(found))
@@ -228,7 +228,7 @@ def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
     monkeypatch.setattr(executors, "__version__", "0.0.0")
     with (dask_cluster(cluster.scheduler_address) as runs,
           pytest.raises(InputError, match=r"a worker has version .*, this is 0\.0\.0; install one version everywhere")):
-        list(runs.completed(square, [(1,)]))
+        list(runs.as_completed(square, [(1,)]))
 
 
 @needs_dask
@@ -241,7 +241,7 @@ def test_a_scheduler_without_a_worker_is_said_and_ended(monkeypatch):
     with (distributed.LocalCluster(n_workers=0, dashboard_address=":0", processes=True) as empty,
           dask_cluster(empty.scheduler_address) as runs):
         # tasks that share something are sent another way
-        for run in (lambda: list(runs.completed(square, [(1,)])), lambda: runs.in_order(square, [(1,), (2,)])):
+        for run in (lambda: list(runs.as_completed(square, [(1,)])), lambda: runs.in_order(square, [(1,), (2,)])):
             with (pytest.warns(UserWarning, match=f"{empty.scheduler_address} has no worker: waiting up to 3 s"),
                   pytest.raises(InputError, match="had no worker for 3 s; finished blocks and chains are kept; start")):
                 run()
@@ -257,7 +257,7 @@ def test_an_executor_of_ones_own_is_used_as_it_is():
     class Counting(Executor):
         count = 0
 
-        def completed(self, function, tasks, *, least=None):
+        def as_completed(self, function, tasks, *, least=None):
             for task in tasks:
                 self.count += 1
                 yield function(*task)

@@ -54,7 +54,7 @@ def test_a_lossy_record_holds_the_truth_within_its_std(kind, validation):
     pulls = []
     for seed in range(40):
         record = LossyRecord(data=lose(motion(600, 10.0, seed), kind, seed), rate_hz=10.0, target_hz=10.0)
-        found = record.identified(order=6, block_rows=20, spread=0, sub_records=20, limited=None)
+        found = record.identify(order=6, block_rows=20, spread=0, sub_records=20, limited=None)
         index = np.array([np.argmin(np.abs(found.poles.frequency_hz - f)) for f in FREQUENCY])
         std = found.factors(index)
         shape = found.poles.shape[:, index]

@@ -287,7 +287,7 @@ def test_tolerances_move_stress_as_on_all_freedoms(run, validation):
     folder, _, _, problem, laplace = run
     description = read_description(folder / "model.toml")
     full = fatigue_model(description, "model.toml", folder / "fatigue.toml")
-    few = full.picked([0, 2, len(full.spots) - 1])
+    few = full.select([0, 2, len(full.spots) - 1])
     given = FatigueInput(file=folder / "fatigue.toml", problem=problem, laplace=laplace)
     slope = fatigue_files.tolerance_slopes(folder / "model.toml", few, given, {})
     names = [s.name for s in problem.error.sources]
@@ -302,7 +302,7 @@ def test_tolerances_move_stress_as_on_all_freedoms(run, validation):
         extended_description(folder / "model.toml", effects), "model.toml",
         few.conditions.model_copy(update={"direction": (direction,)}),
         parameters=Parameters((*few.parameters, *(by_name[e.name] for e in effects))))
-    wide = wide.picked(fatigue_files.matching_spots(wide, few))
+    wide = wide.select(fatigue_files.matching_spots(wide, few))
     neutral = np.array([*laplace.theta, *(e.neutral for e in effects)])
     for k, effect in enumerate(effects):
         step = 0.01 * effect.std * np.eye(len(neutral))[len(laplace.theta) + k]

@@ -408,7 +408,7 @@ def test_a_load_that_no_sensor_sees_keeps_its_stated_density(structure):
     slow = structure.frequency_hz < 0.05
     share = one.load[across, slow] / structure.stated[across, slow]
     assert np.median(share) == pytest.approx(1.0, abs=0.2)
-    left = np.real(one.unresolved(np.flatnonzero(slow)))[:, across, across] / one.load[across, slow]
+    left = np.real(one.unresolved_covariance(np.flatnonzero(slow)))[:, across, across] / one.load[across, slow]
     assert np.median(left) > 0.95
 
 

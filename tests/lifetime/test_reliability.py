@@ -94,7 +94,7 @@ def test_form_and_monte_carlo_agree_on_two_slopes(validation):
     resistance = np.hypot(log_std(STATED.miner), np.log(10) * 0.2)
     for k in range(3):
         for year in (1, 10, 25):
-            one = curve.picked([k])
+            one = curve.select([k])
 
             def failing(z, k=k, year=year, one=one):
                 value = one.value(np.array([[mean[k] + spread[k] * z]]))[0][0, 0]
@@ -139,7 +139,7 @@ def test_remaining_life_given_survival_is_that_of_drawn_lives(validation):
     levels = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
     for spot in range(3):
         age = float(np.median(lives[spot]))
-        one = curve.picked([spot])
+        one = curve.select([spot])
         for survived in (0.0, age):
             kept = np.log(lives[spot][lives[spot] > survived])
             expected = np.quantile(kept, levels)

@@ -101,7 +101,7 @@ def test_thickness_is_in_damage_and_not_in_stress(whole):
     thick = model(lambda raw: raw["curve"]["T"].update(reference_thickness_m=reference))
     welds = [k for k, s in enumerate(thick.spots) if s.side == "weld"]
     wall = thick.details[thick.spots[welds[0]].detail].section.thickness_m
-    stresses_of = [m.picked(welds).reduced([]).solve(m.parameters.initial) for m in (whole, thick)]
+    stresses_of = [m.select(welds).reduced([]).solve(m.parameters.initial) for m in (whole, thick)]
     np.testing.assert_allclose(stresses_of[1].moments, stresses_of[0].moments, rtol=1e-9)
     # DNV-RP-C203, eq. 2.4.3: every range as if it were (t / t_ref)^k times as large
     counted = stresses_of[0].damage_per_year((wall / reference) ** 0.25)
@@ -263,7 +263,7 @@ def test_the_basis_answers_what_it_has_not_seen(whole, validation):
 def test_the_basis_about_one_point_has_the_change_of_stress_there(whole, validation):
     """A direction in which all parameters change at once."""
     row = validation(what="d ln DEL on a basis about one point", reference="differences on all degrees of freedom")
-    few = whole.picked([0, len(whole.spots) // 2, len(whole.spots) - 1])
+    few = whole.select([0, len(whole.spots) // 2, len(whole.spots) - 1])
     theta = whole.parameters.initial * 1.03
     way = 0.1 * theta * np.random.default_rng(5).standard_normal(len(theta))
     up, down = (np.log(few.solve(theta + s * 1e-3 * way).equivalent_mpa(5.0)) for s in (1, -1))
@@ -288,7 +288,7 @@ def test_a_slow_modes_resonance_is_resolved(validation):
         {"heading_deg": 0.0, "share": 1.0}], "state": [{**CONDITIONS["state"][0], "share": 1.0, "hs_m": 0.01}]}
     one = fatigue_model(parse_description(raw, "slow"), "slow", Conditions.model_validate(conditions)).models[0]
     theta, girth = one.parameters.initial, 0
-    one = one.picked([len(one.details) - 1]).reduced([theta])
+    one = one.select([len(one.details) - 1]).reduced([theta])
     assert 0.1 < one.solve(theta, {}).frequency_hz[0] < 0.18
     fine = stresses.replace(one, frequency_hz=np.geomspace(1 / 600, 3.0, int(np.log(1800) / 1e-3)))
     names = one.modes_at(theta, {"FA1": 0.01}).labels
@@ -427,7 +427,7 @@ def _toml(raw) -> str:
 
 def test_sparse_and_dense_rows_are_one(whole):
     one = whole.models[0]
-    few = whole.picked([3, 11, len(whole.spots) - 1])
+    few = whole.select([3, 11, len(whole.spots) - 1])
     np.testing.assert_allclose(
         few.solve(one.parameters.initial).equivalent_mpa(3.0),
         whole.solve(one.parameters.initial).equivalent_mpa(3.0)[[3, 11, -1]],

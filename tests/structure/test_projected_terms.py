@@ -60,7 +60,7 @@ def test_equal_matrices_of_two_models_are_held_once():
     own = [t.copy() for t in model.stiffness]
     own[3] = own[3] * 1.5
     other = replace(model, stiffness=tuple(own), mass=tuple(t.copy() for t in model.mass))
-    shared = other.sharing(model)
+    shared = other.share(model)
     assert all(a is b for a, b in zip(shared.mass, model.mass, strict=True))
     assert [a is b for a, b in zip(shared.stiffness, model.stiffness, strict=True)].count(False) == 1
     theta = model.parameters.initial

@@ -249,7 +249,7 @@ def test_a_folder_with_another_chain_is_refused_and_what_differs_is_named(tmp_pa
 class LastFirst(Executor):
     """Tasks end in another order than they were given in."""
 
-    def completed(self, function, tasks, *, least=None):
+    def as_completed(self, function, tasks, *, least=None):
         yield from (function(*task) for task in reversed(tasks))
 
 

@@ -93,7 +93,7 @@ def test_its_sensitivities_are_central_differences(model, theta, weights, valida
     step = 1e-5 * problem.parameters.std
     plain = np.column_stack([(problem.predict(theta + d) - problem.predict(theta - d)) / (2 * d.sum())
                              for d in np.diag(step)])
-    white, differences = (problem.weighted((x * problem.parameters.std).T) for x in (S, plain))
+    white, differences = (problem.whiten((x * problem.parameters.std).T) for x in (S, plain))
     # the coupling moves the pair, and so what is compared of one of it
     assert np.abs(differences[3, 0]) > 0.02
     row.error((white - differences) / np.max(np.abs(differences)), below=1e-5)

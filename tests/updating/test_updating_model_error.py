@@ -134,7 +134,7 @@ def test_gains_of_sensors_widen_what_shapes_tell():
                      for m, t in ((model, False), (known, True)))
     assert len(stated.error.sources) == len(model.channels)
     top = maximum_a_posteriori(plain, [CHAIN_TRUTH])
-    a, b = (np.linalg.inv(p.weighted(p.sensitivity(top.theta)[1].T) @ p.weighted(p.sensitivity(top.theta)[1].T).T
+    a, b = (np.linalg.inv(p.whiten(p.sensitivity(top.theta)[1].T) @ p.whiten(p.sensitivity(top.theta)[1].T).T
                           + np.diag(CHAIN_PARAMETERS.std**-2.0)) for p in (plain, stated))
     assert np.all(np.diag(b) >= np.diag(a) * (1 - 1e-9)) and np.max(np.diag(b) / np.diag(a)) > 1.01
 
@@ -274,7 +274,7 @@ def test_a_discrepancy_that_sets_share_is_a_block_of_ones(linear, validation, ne
     coordinates = coordinates_of(parameters)
     error = shared_error(problems, np.tile(parameters.initial, (5, 1)), coordinates)
     scales = Scales(new=(new, 0.0), shared=(shared, 0.0, 0.0))
-    found = error.likelihoods(total(error.each(scales.new)), [scales]).at(coordinates.to(theta)[None])[0]
+    found = error.likelihoods(total(error.each(scales.new)), [scales]).at(coordinates.transform(theta)[None])[0]
     kept = np.isfinite(frequencies)
     f, mode = frequencies[kept], np.nonzero(kept)[1]
     residual = f - problems[0].predict(theta)[mode]
@@ -333,7 +333,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, vali
     zero = np.full((n, 3), 1e-9)
     population = Population(mean=drawn, tau=zero, factor=np.zeros((n, 3, 3)), log_likelihood=np.zeros((n, 3)),
                             r_hat=1.0, ess=1e4, converged=True, verdict="")
-    widened = shared.widened(population, expected, none.new, [none], normal, rng).mean
+    widened = shared.widen(population, expected, none.new, [none], normal, rng).mean
     together = shared.likelihoods(total(shared.each(none.new)), [none]).node(0)
     H = together.precision[0] + prior
     expected = parameters.initial + np.linalg.solve(H, together.gradient[0])

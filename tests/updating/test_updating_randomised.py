@@ -27,7 +27,7 @@ def test_those_of_a_linear_problem_are_its_posterior(validation):
 def test_they_lie_all_over_a_thin_ridge(kind, prior):
     problem = ridge(kind, 1e-4, prior)
     points, _ = randomised_maxima(problem, np.random.default_rng(2), silent)
-    off = problem.weighted(problem.measured - problem.predict_many(points).response)
+    off = problem.whiten(problem.measured - problem.predict_many(points).response)
     _, mean, std = by_quadrature(problem, kind, 1e-4)
     # where a proposal begins: the posterior's place and width along the ridge, its thickness across
     assert len(points) > 150 and 0.8 < off.std() < 1.2 and np.all(problem.parameters.inside(points))

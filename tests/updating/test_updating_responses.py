@@ -70,9 +70,9 @@ def test_every_response_has_its_exact_derivative(kind, theta, validation):
         step = h * np.eye(4)[k]
         differences[:, k] = (problem.predict(theta + step) - problem.predict(theta - step)) / (2 * h)
     scale = problem.parameters.std
-    error = problem.weighted(((S - differences) * scale).T)
+    error = problem.whiten(((S - differences) * scale).T)
     # truncation goes with the square of the step
-    row.error(error / np.max(np.abs(problem.weighted((S * scale).T))), below=1e-5)
+    row.error(error / np.max(np.abs(problem.whiten((S * scale).T))), below=1e-5)
 
 
 @pytest.mark.parametrize("kind", [{}, *KINDS], ids=str)
@@ -150,7 +150,7 @@ def test_the_joint_weights_are_the_inverse_covariance_across_the_planes():
     assert problem.n_effective == len(problem.root)
     theta = POINTS[1]
     value = problem.log_likelihood(theta)[0]
-    whitened = problem.weighted(problem.measured - problem.predict(theta))
+    whitened = problem.whiten(problem.measured - problem.predict(theta))
     log_det = -np.linalg.slogdet(problem.root @ problem.root.T)[1]
     assert value == pytest.approx(stats.norm.logpdf(whitened).sum() - 0.5 * log_det, rel=1e-10)
 

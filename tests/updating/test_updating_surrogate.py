@@ -153,7 +153,7 @@ def test_the_log_density_is_the_gaussians_up_to_a_constant():
     exact = stats.multivariate_normal([1.0, -1.0], covariance).logpdf(points)
     found = density.log_density(points)
     assert found - found[0] == pytest.approx(exact - exact[0])
-    wide = density.widened(4.0).log_density(points)
+    wide = density.widen(4.0).log_density(points)
     exact = stats.multivariate_normal([1.0, -1.0], 4 * covariance).logpdf(points)
     assert wide - wide[0] == pytest.approx(exact - exact[0])
 
@@ -271,7 +271,7 @@ def test_on_a_curved_posterior_the_share_it_promises_holds_on_new_draws():
     # the best of five shares of 400 draws each
     assert 0.3 < share <= 1
     assert share_of(found) == pytest.approx(share, abs=0.1)
-    plain = max(share_of(from_laplace(top, problem.parameters).widened(spread)) for spread, _ in ROUNDS)
+    plain = max(share_of(from_laplace(top, problem.parameters).widen(spread)) for spread, _ in ROUNDS)
     assert share_of(found) > plain - 0.05
 
 

@@ -87,7 +87,7 @@ def test_a_proposal_that_keeps_to_the_maximum_is_no_check(kind, sigma):
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
     proposal, _ = fitted_proposal(problem, [Proposal(approximation=fit_surrogate(problem, top, rng)[0])], rng)
     # draws about the maximum that the ridge does not leave
-    local = from_laplace(top, problem.parameters).widened(0.05)
+    local = from_laplace(top, problem.parameters).widen(0.05)
     found = importance_sample(problem, replace(proposal, components=(local,), weight=np.ones(1)), rng)
     assert found.unreached > 20 and not found.good
     assert importance_sample(problem, proposal, rng).unreached < 2
