@@ -72,7 +72,7 @@ def test_one_sensor_of_which_gravity_is_wrongly_stated_is_named(beam, place, sta
     feel = np.full(len(CHANNELS), stated)
     feel[2 * place : 2 * place + 2] = not stated
     found = probupdate.diagnose(replace(beam, discrepancy=3e-4), record(beam, feel=feel, stated=stated), seed=1,
-                                extend=False, sampler=False)
+                                extend=False)
     first = found.findings[0]
     assert (found.verdict, first.cause, len(found.findings)) == ("named", CAUSE, 1), found.findings
     assert all(name in first.location for name in CHANNELS[2 * place : 2 * place + 2])
