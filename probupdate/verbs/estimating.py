@@ -181,8 +181,9 @@ def update(
     said = unmatched_sentences(modes, every_mode, likelihood.modes)
     used = [label for label, number in zip(record.labels, record.computed_mode, strict=True) if number > 0]
     kept = {**record.settings, **case.setting, **case.step(used)}
-    if said["taken"]:
-        kept |= {UNLIKE: "; ".join(said["taken"])}
+    # of a mode that the pairing left out in every set nothing was taken
+    if taken := [text for text in said["taken"] if text.startswith(tuple(f"{label} (" for label in used))]:
+        kept |= {UNLIKE: "; ".join(taken)}
     return replace(record, settings=kept, left_out=(*record.left_out, *said["left out"]))
 
 
