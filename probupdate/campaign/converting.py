@@ -122,7 +122,8 @@ def convert(
         notes += [*said, *joined]
         spans += [(a, b, name) for a, b in own]
     progress("converting files", len(found), len(found))
-    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples, notes=(*notes, *_unused_words(unused)))
+    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples,
+                      notes=(*_notes_once(notes), *_unused_words(unused)))
 
 
 def _unused_words(unused: Mapping[str, int]) -> list[str]:
@@ -209,6 +210,21 @@ def _read_record(path: Path) -> dict:
 def _write_record(path: Path, record: dict) -> None:
     # in one order, whatever was converted first
     write_json(path, dict(sorted(record.items())))
+
+
+def _notes_once(notes: Sequence[str]) -> list[str]:
+    """Each note 'file: what was done' once, with the number of files that share it where they are more than two."""
+    files: dict[str, list[str]] = {}
+    for note in notes:
+        name, _, text = note.partition(": ")
+        files.setdefault(text or note, []).append(name if text else "")
+    found = []
+    for text, names in files.items():
+        if len(names) > 2 and all(names):
+            found.append(f"{len(names)} files ({names[0]} to {names[-1]}): {text}")
+        else:
+            found += [f"{name}: {text}" if name else text for name in names]
+    return found
 
 
 def _overlap_sentence(

@@ -677,3 +677,14 @@ def test_a_conversion_of_all_columns_names_none(job):
     table = pd.DataFrame(np.random.default_rng(1).standard_normal((6000, 2)), columns=["east", "a-y [m/s2]"])
     table.assign(when=[t.isoformat() for t in stamps()]).to_csv(raw / "r.csv", index=False)
     assert not any("not used" in n for n in convert(raw, campaign).notes)
+
+
+def test_what_was_done_to_many_files_alike_is_said_once(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = "east [g]"\n"a-y" = "north [m/s2]"')
+    for hour in range(4):
+        data = noise(seed=hour)
+        times = [t.isoformat() for t in stamps(start=START + pd.Timedelta(hours=hour))]
+        pd.DataFrame({"when": times, "east [g]": data[:, 0], "north [m/s2]": data[:, 1]}).to_csv(
+            raw / f"r{hour}.csv", index=False)
+    (said,) = [note for note in convert(raw, campaign).notes if "g was turned into m/s2" in note]
+    assert said.startswith("4 files (r0.csv to r3.csv): ")
