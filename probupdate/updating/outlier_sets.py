@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special, stats
 
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.modal.rounding import rounding_std
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.outlier_shapes import ShapeTable
@@ -164,7 +164,7 @@ def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tu
     where none does."""
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     frequency = np.array([s.frequency_hz for s in data.sets], float)
-    stated = np.array([s.frequency_std_hz for s in data.sets], float) / frequency
+    stated = np.array([_own_std_hz(s, labels) for s in data.sets]) / frequency
     changed = {}
     for j, label in enumerate(labels):
         there = np.flatnonzero(np.isfinite(frequency[:, j]))
@@ -179,6 +179,13 @@ def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tu
     clearest = max(changed, key=lambda label: abs(changed[label][0]) / changed[label][1])
     return changed[clearest][2], ", ".join(
         f"{label} by {100 * np.expm1(size):+.2g} %" for label, (size, _, _) in changed.items())
+
+
+def _own_std_hz(modal_set: ModalSet, labels: Sequence[str]) -> list[float]:
+    """Of the identification, where `select` kept it beside the scatter over the campaign, which a step is a part of."""
+    kept = [modal_set.environment.get(f"own_std_hz_{label}") for label in labels]
+    return [float(own) if isinstance(own, int | float) else float(std)
+            for own, std in zip(kept, modal_set.frequency_std_hz, strict=True)]
 
 
 def _steps(value: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:

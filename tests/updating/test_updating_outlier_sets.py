@@ -115,6 +115,16 @@ def test_a_step_is_said_of_the_modes_that_are_used():
     assert said == step_between_sets(data) and "C by" in said
 
 
+def test_a_step_does_not_hide_behind_the_scatter_that_it_made():
+    """`select` states the scatter over the campaign, a step in it, and keeps the identification's beside it."""
+    step = moved(np.where(np.arange(10) < 5, 0.0, -0.04))
+    data = replace(step, labels=tuple("ABCDE"), sets=tuple(
+        replace(s, frequency_std_hz=0.02 * s.frequency_hz,
+                environment={f"own_std_hz_{x}": NOISE * f for x, f in zip("ABCDE", s.frequency_hz, strict=True)})
+        for s in step.sets))
+    assert f"step at set {data.sets[5].id} " in step_between_sets(data)
+
+
 def test_drift_and_daily_waves_are_no_step():
     hours = np.arange(24)
     for change in (0.04 * hours / 24, 0.02 * np.sin(2 * np.pi * hours / 24), 0.02 * np.cos(2 * np.pi * hours / 24)):
