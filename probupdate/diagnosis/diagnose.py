@@ -630,12 +630,10 @@ def _detectable_sizes(problem: DiagnosisProblem, found: Search, fitted: Fit) -> 
         size = (found.threshold + POWER) * found.size_std[k]
         here = IncludedEffect(effect=effect, time_profile=problem.time_profiles[problem.which[k, 1]], size=0.0)
         reachable = size <= max(-here.bounds[0], here.bounds[1])
-        detectable_sizes.append(DetectableSize(kind=effect.kind, cause=effect.cause, location=effect.location,
-                                               time_profile=name,
-                            size=float(size) if reachable else np.inf,
-                            unit=effect.unit + problem.time_profiles[problem.which[k, 1]].unit,
-                                               share_left=float(left[k]),
-                            z=float(found.z[k]), key=effect.key))
+        detectable_sizes.append(DetectableSize(
+            kind=effect.kind, cause=effect.cause, location=effect.location, time_profile=name,
+            size=float(size) if reachable else np.inf, unit=effect.unit + here.time_profile.unit,
+            share_left=float(left[k]), z=float(found.z[k]), key=effect.key))
     return tuple(detectable_sizes)
 
 
