@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import io
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +18,7 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.io.files import read_bytes, read_json_table, read_toml, resolve_path, sha256
+from probupdate.io.files import read_bytes, read_json_table, read_own_text, read_toml, resolve_path, sha256
 from probupdate.io.schema import checked_table
 from probupdate.modal.modes import ModalData, ModalSet, read_modes, set_words
 from probupdate.model.interface import Model
@@ -222,7 +223,7 @@ def _title(
 
 def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
     with parsing(str(path), "not a table", "write it again, or remove it"):
-        table = pd.read_csv(path, keep_default_na=True)
+        table = pd.read_csv(io.StringIO(read_own_text(path, "write it again, or remove it")))
     for column in needed:
         if column not in table:
             raise InputError(str(path), f"has no column '{column}'", "write it again, or remove it")
