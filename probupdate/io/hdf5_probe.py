@@ -7,6 +7,7 @@ objects: a year of modal sets has many small ones) and memory (the argument, byt
 """
 
 import json
+import math
 import sys
 
 # a chunk is unpacked as one piece; gzip packs at most 1032-fold, so that smaller stored ones stay below 1 GiB
@@ -147,7 +148,8 @@ def limit_memory(memory):
     def grant(seconds):
         used = resource.getrusage(resource.RUSAGE_SELF)
         _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        wanted = int(used.ru_utime + used.ru_stime) + seconds
+        # limits are whole seconds, and none of those granted is lost to that
+        wanted = math.ceil(used.ru_utime + used.ru_stime) + seconds
         resource.setrlimit(resource.RLIMIT_CPU, (wanted if hard < 0 else min(wanted, hard), hard))
 
     return grant
