@@ -51,7 +51,8 @@ def test_fine_meshes_have_the_textbook_frequency_in_any_units(n, unit, validatio
     row = validation(what="clamped beam with a tip mass, 60 to 2000 elements, m-N-kg and mm-N-t: first frequency",
                      reference="frequency equation", why="rounding of the entries of K")
     value, _ = lowest_modes(*beam(n, unit=unit), 4)
-    row.error(frequency(value[0]) / textbook() - 1, below=1e-8)
+    # an entry of K over the bending energy of its element goes with the fourth power of their number: so do roundings
+    row.error(frequency(value[0]) / textbook() - 1, below=1e-8 * max(1.0, n / 1000) ** 4)
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e5])
