@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -48,28 +49,9 @@ FEWEST_EACH = 12
 FIRST_SIZE, GROWTH = 32, 1.3
 
 
-def reduce_basis(
-    model: AffineModel,
-    *,
-    n_mode: int,
-    box: tuple[np.ndarray, np.ndarray],
-    frequency_tolerance: float,
-    points: np.ndarray | None = None,
-    n_snapshot: int = 96,
-    n_verify: int = 96,
-    max_size: int = 240,
-    seed: int = 0,
-    progress: Progress = silent,
-) -> ReducedModel:
-    """Build and verify a basis for the lowest `n_mode` modes over box = (lower, upper), each (n_param,).
-
-    `points` (n, n_param), such as draws of an approximate posterior, are where the tolerance on the relative frequency
-    error holds and half of all snapshots and checks are taken; the other half fills the box evenly, with
-    BOX_ALLOWANCE times the tolerance. Without points the tolerance holds all over the box. Raises ConvergenceError,
-    with the last basis as estimate, where it is not met with `max_size` vectors.
-    """
-    return reduce_alike([model], n_mode=n_mode, box=box, frequency_tolerance=frequency_tolerance, points=points,
-                        n_snapshot=n_snapshot, n_verify=n_verify, max_size=max_size, seed=seed, progress=progress)[0]
+def reduce_basis(model: AffineModel, **wanted: Any) -> ReducedModel:
+    """`reduce_alike` of one model, with its keywords."""
+    return reduce_alike([model], **wanted)[0]
 
 
 def reduce_alike(
@@ -85,8 +67,15 @@ def reduce_alike(
     seed: int = 0,
     progress: Progress = silent,
 ) -> list[ReducedModel]:
-    """`reduce_basis` of models of one mesh and the same parameters, such as turbines of a design whose nacelles look
-    elsewhere: one basis for all, of snapshots that they take in turn, each verified at its share of the points."""
+    """Build and verify a basis for the lowest `n_mode` modes over box = (lower, upper), each (n_param,), of models of
+    one mesh and the same parameters, such as turbines of a design whose nacelles look elsewhere: one basis for all, of
+    snapshots that they take in turn, each verified at its share of the points.
+
+    `points` (n, n_param), such as draws of an approximate posterior, are where the tolerance on the relative frequency
+    error holds and half of all snapshots and checks are taken; the other half fills the box evenly, with
+    BOX_ALLOWANCE times the tolerance. Without points the tolerance holds all over the box. Raises ConvergenceError,
+    with the last basis as estimate, where it is not met with `max_size` vectors.
+    """
     model = models[0]
     lower, upper = (np.asarray(b, float) for b in box)
     if lower.shape != (len(model.parameters),) or np.any(~np.isfinite(lower + upper)) or np.any(lower >= upper):
