@@ -205,7 +205,7 @@ class _Independent:
         log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         return x, self.hyper(x) - (self.about.of_coordinates(w) + log_det - 0.5 * np.sum(z**2, axis=1))
 
-    def fitted(self, x: np.ndarray, weight: np.ndarray) -> _Independent:
+    def fit(self, x: np.ndarray, weight: np.ndarray) -> _Independent:
         w = x[:, self.hyper.n :]
         middle = weight @ w
         return _Independent(self.hyper, _about(middle, (w - middle).T @ (weight[:, None] * (w - middle))))
@@ -240,7 +240,7 @@ def _independent_draws(
             return x[rng.permutation(taken)], 1.0, ess, words
         if ess < 2 * hyper.n_x:
             return None
-        source, number = source.fitted(x, weight), 2 * number
+        source, number = source.fit(x, weight), 2 * number
     return None
 
 

@@ -57,7 +57,7 @@ class Place:
     @property
     def gain(self) -> float:
         """Of F by a step, if the models were linear."""
-        return self.laplace.most(self.next_x) - self.value
+        return self.laplace.largest(self.next_x) - self.value
 
 
 @dataclass(eq=False, kw_only=True)
@@ -118,9 +118,10 @@ class FarmAscent:
             if place.gain < least:
                 return place, True
             x = place.laplace.scales_beside(place, held) if held and self.learnt else place.next_x
-            u, z = place.laplace.reached(x, place.u, place.z, held)
+            u, z = place.laplace.step(x, place.u, place.z, held)
             fresh, hoped = self.at(u, z, x), place.laplace.value(x, u, z) - place.value
-            share = (fresh.value - place.value) / hoped
+            # a step so short that nothing is hoped for is as good as none
+            share = (fresh.value - place.value) / hoped if hoped > 0 else 0.0
             if fresh.gain < place.gain < ALIKE and fresh.value > place.value - ALIKE:
                 place, closing = fresh, True
             elif closing or share <= 0:
@@ -145,16 +146,16 @@ class Laplace:
     middle: np.ndarray
     shared: Sequence[int]
 
-    def most(self, x: np.ndarray) -> float:
+    def largest(self, x: np.ndarray) -> float:
         """F (all values at their best) of x (n_x,)."""
         mean, precision = self.system.layout.prior
         return float(self.scales.log_posterior(x[None], self.system)[0]) - 0.5 * float(mean @ precision @ mean)
 
     def value(self, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> float:
         off, arrow = self._off(x, u, z)
-        return self.most(x) - 0.5 * float(off @ arrow.precision @ off)
+        return self.largest(x) - 0.5 * float(off @ arrow.precision @ off)
 
-    def reached(self, x: np.ndarray, u: np.ndarray, z: np.ndarray, held: float) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, x: np.ndarray, u: np.ndarray, z: np.ndarray, held: float) -> tuple[np.ndarray, np.ndarray]:
         """u and z at the largest F of x, less `held` times half the squared distance of u."""
         off, arrow = self._off(x, u, z)
         step = -np.linalg.solve(arrow.precision + held * arrow.distance, arrow.precision @ off)
@@ -169,7 +170,7 @@ class Laplace:
             off, arrow = self._off(x, place.u, place.z)
             pull = arrow.precision @ off
             left = off @ pull - pull @ np.linalg.solve(arrow.precision + held * arrow.distance, pull)
-            return 0.5 * float(left) - self.most(x)
+            return 0.5 * float(left) - self.largest(x)
 
         return optimize.minimize(descent, np.clip(place.x, *inside.T), method="L-BFGS-B", bounds=inside,
                                  options={"eps": 1e-4, "maxiter": SEARCHES}).x if n else place.x
