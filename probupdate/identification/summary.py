@@ -45,7 +45,7 @@ def summarise(
     lines += _count_notes(found, (SAID, BRIDGED))
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
-        lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
+        lines.append(f"{plural(lined, 'pole')} at multiples of the rotor's speed: counted as its lines")
     if not of_turbine and (campaign.scada is None or "rotor_speed_rpm" not in campaign.scada):
         lacks = "SCADA" if campaign.scada is None else "rotor_speed_rpm in SCADA"
         lines.append(f"no {lacks}: lines of a rotating machine were not looked for, and may be among the modes")
