@@ -382,7 +382,7 @@ def _fatigue(files: _Files, given: FatigueInput | None, whole: FatigueModel | No
     factors = frequency_factors(given, labels, frequency_hz, (named(first), first.frequency_hz), found.gains, named)
     assumed = found.model.conditions.damping.ratio
     left_out += damping.notes(assumed)
-    left_out.append(SLOW_CYCLES)
+    left_out += [SLOW_CYCLES, *([given.left_out] if given.left_out else [])]
     for label, values in damping.ratio.items():
         factors.append({
             "quantity": "damping ratio", "of": label, "bias": float(np.exp(np.log(values).mean()) / assumed),

@@ -60,13 +60,15 @@ class NamedCause:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueInput:
     """What fatigue needs beside the draws: fatigue.toml, the one model's problem with its maximum (None: no modes lie
-    in the run), set-wise updates (n_set, n_param), and named causes."""
+    in the run), set-wise updates (n_set, n_param), and named causes. left_out: why those of a diagnosis are not there,
+    '' where it has none or they are."""
 
     file: Path
     problem: Problem | None = None
     laplace: Laplace | None = None
     set_updates: np.ndarray | None = None
     named: NamedCause | None = None
+    left_out: str = ""
 
     @property
     def updated(self) -> tuple[Problem, Laplace] | None:

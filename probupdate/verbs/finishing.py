@@ -211,7 +211,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Prob
         at = problem.weights.at
         laplace = find_maximum(problem, [problem.model.parameters.initial if at is None else np.array(at)])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
-    named = None
+    named, left_out = None, ""
     extended = diagnosis and diagnosis.get("extended_model")
     if extended and (folder / extended).is_file() and not is_subdyn(places["model"]):
         path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
@@ -221,7 +221,10 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Prob
         if drawn.is_file() and causes:
             posterior = read_posterior(drawn)
             named = NamedCause(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
-    return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named,
+        elif causes:
+            left_out = (f"{', '.join(words for _, words in causes)}: no part of fatigue, as {drawn.name} is not in the "
+                        "run; run the `sample` that diagnosis.json states")
+    return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named, left_out=left_out,
                         set_updates=None if updates is None else np.asarray(updates.theta_map))
 
 
