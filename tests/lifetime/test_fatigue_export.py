@@ -125,6 +125,7 @@ def done(run):
                 problem=problem,
                 laplace=laplace,
                 set_updates=laplace.theta * (1 + 0.01 * np.array([[-1.0], [0.0], [1.0]])),
+                left_out="scour: its posterior is not there",
             ),
         )
 
@@ -185,6 +186,11 @@ def test_one_more_measurement_leaves_what_varies_from_set_to_set(done):
 def test_cycles_that_are_not_counted_are_named(done):
     manifest = json.loads((done.folder / "manifest.json").read_text())
     assert any("start, stop, another mean wind" in text for text in manifest["left_out"])
+
+
+def test_a_cause_without_its_posterior_is_named(done):
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    assert "scour: its posterior is not there" in manifest["left_out"]
 
 
 def test_ratios_are_of_their_own_draw_over_the_design(done, run):
