@@ -61,14 +61,16 @@ def test_links_and_devices_are_not_written_over(tmp_path):
     assert (tmp_path / "there").read_text() == "kept"
 
 
-def limited():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20, 20))
+def limit_files(size: int) -> dict:
+    """Options of a process whose files end after `size` bytes; it compiles nothing, or half a module would stay."""
+    return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+            "env": os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}}
 
 
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(tmp_path):
     out = tmp_path / "modes.json"
     out.write_text("before")
-    ended = run("modes", "design", "--out", out, preexec_fn=limited)
+    ended = run("modes", "design", "--out", out, **limit_files(20))
     assert ended.returncode == 1 and len(ended.stderr.splitlines()) == 1
     assert "modes.json: File too large; make room" in ended.stderr
     assert out.read_text() == "before" and [p.name for p in tmp_path.iterdir()] == ["modes.json"]
@@ -159,7 +161,7 @@ def test_escapes_of_a_file_do_not_reach_the_terminal(tmp_path):
 def test_a_campaign_whose_first_file_found_no_room_is_simulated_again(tmp_path):
     out = tmp_path / "campaign"
     words = ["simulate", out, "--days", "0.03", "--seed", "3"]
-    limited = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)))
+    limited = run(*words, **limit_files(3000))
     assert limited.returncode == 1 and len(limited.stderr.splitlines()) == 1 and not list(out.rglob("*.part"))
     (out / "truth.toml.another.1.0a0a0a0a.part").write_text("left")
     assert run(*words).returncode == 0
@@ -173,7 +175,7 @@ def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
             "try: write_acceleration(Path(sys.argv[1]), np.ones((20000, 3)), np.datetime64('2020-01-01T00:00'), 10.0)\n"
             "except OSError as error: print(error.strerror, error.filename)")
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], capture_output=True, text=True,
-                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))
+                          **limit_files(size))
     assert done.returncode == 0 and not done.stderr and "File too large" in done.stdout and "a.h5" in done.stdout
     assert not list(tmp_path.iterdir())
 

@@ -245,7 +245,7 @@ def test_a_diagnosis_of_another_structure_is_refused(own, full_run):
         ("run.json", '{"weather": 1}', r"unknown key 'weather'; write \{"),
         ("modes.poles.csv", "time,frequency_hz\n", "has no column 'mac'"),
         ("modes.poles.csv", "time,frequency_hz,mac,mode,criterion\nnoon,1,1,FA1,kept\n", "not a time"),
-        ("selection.csv", "", "not a table"),
+        ("selection.csv", "\n", "not a table"),
         ("update.json", "{}", r"is not update\.json"),
         ("compare.json", "{}", r"is not compare\.json"),
     ],
