@@ -32,13 +32,14 @@ def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def subspace_mac(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
     """S2MAC: the largest MAC of each column of `shape` with any vector of the space that `plane` spans.
 
-    shape (n_channel, n_mode), plane (n_channel, 2 or more) -> (n_mode,) (D'Ambrogio & Fregolent 2003).
+    shape (n_channel, n_mode), plane (n_channel, 2 or more) -> (n_mode,) (D'Ambrogio & Fregolent 2003). NaN where a
+    column shares no more components with the plane than this has columns, or is zero at them.
     """
     shape = np.atleast_2d(np.asarray(shape).T).T
     value = np.full(shape.shape[1], np.nan)
     for j, column in enumerate(shape.T):
         ok = np.isfinite(column) & np.all(np.isfinite(plane), axis=1)
-        if ok.sum() <= plane.shape[1]:
+        if ok.sum() <= plane.shape[1] or not column[ok].any():
             continue
         basis, _ = np.linalg.qr(plane[ok])
         value[j] = np.linalg.norm(basis.conj().T @ column[ok]) ** 2 / np.linalg.norm(column[ok]) ** 2

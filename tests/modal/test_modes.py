@@ -56,6 +56,13 @@ def test_subspace_mac_is_one_for_any_turned_member_of_the_plane():
     assert subspace_mac(away, plane) == pytest.approx([0.0], abs=1e-12)
 
 
+@pytest.mark.parametrize("motionless", [np.zeros(8), np.r_[np.full(4, np.nan), np.zeros(4)]])
+def test_a_shape_without_motion_at_the_sensors_has_no_mac_with_a_plane(motionless):
+    shape = np.column_stack([motionless, np.arange(8.0)])
+    value = subspace_mac(shape, np.column_stack([np.ones(8), np.arange(8.0)]))
+    assert np.isnan(value[0]) and value[1] == pytest.approx(1.0)
+
+
 def test_phase_collinearity_is_one_for_a_rotated_real_shape_and_zero_for_a_circle():
     real = RNG.standard_normal((9, 1))
     assert modal_phase_collinearity(real * np.exp(0.4j)) == pytest.approx([1.0])
