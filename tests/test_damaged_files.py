@@ -1,5 +1,6 @@
 """Files that steps hand on, damaged: each is read, or one error names it; never another error or a warning."""
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -103,3 +104,12 @@ def test_a_defect_of_the_program_is_not_the_files(kind):
 def test_an_error_of_ours_keeps_its_words():
     with pytest.raises(InputError, match="mine"), parsing("a.mat", "is none", "save it again"):
         raise InputError("mine", "is wrong", "correct it")
+
+
+def test_factors_of_before_checksums_are_named_with_what_writes_them_anew(tmp_path):
+    path, read = deviations(tmp_path)
+    with h5py.File(path, "a") as file:
+        for holder in (file, *file.values()):
+            del holder.attrs["checksum"]
+    with pytest.raises(InputError, match="deviations.h5: has no checksum.*earlier version.*`probupdate identify`"):
+        read(path)

@@ -23,7 +23,7 @@ DATASETS = {"ln_frequency": np.float32, "damping_ratio": np.float32, "shape": np
 CHECKSUM = "checksum"
 # a file up to that size (bytes) is kept in memory, a larger one read set by set as it is asked for
 KEPT_IN_MEMORY = 8 * 2**20
-AGAIN = "make it again with `probupdate identify`"
+AGAIN = "run again what wrote it and its modes: `probupdate identify`, `select` or `diagnose`"
 # their axes, as scales that xarray knows; readers here do not ask for them
 AXES = {"ln_frequency": ("mode", "column"), "damping_ratio": ("mode", "column"), "shape": ("channel", "mode", "column")}
 
@@ -72,8 +72,10 @@ def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     path_inside(path, modes_file.parent)
     with _open_store(path) as file:
-        groups = {str(group.attrs["id"]): name for name, group in file.items()}
-        if file.attrs[CHECKSUM] != checksum_of_table({set_id: str(file[name].attrs[CHECKSUM])
+        if CHECKSUM not in file.attrs:
+            raise InputError(str(path), "has no checksum: an earlier version wrote it", AGAIN)
+        groups = {str(group.attrs.get("id")): name for name, group in file.items()}
+        if file.attrs[CHECKSUM] != checksum_of_table({set_id: str(file[name].attrs.get(CHECKSUM))
                                                       for set_id, name in groups.items()}):
             raise _damaged(path)
         yield FactorsFile(path=path, state=_state(path), file=file, groups=groups)
@@ -117,7 +119,7 @@ def _open_store(path: Path) -> Any:
 
 
 def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:
-    found = {key: group[key][()] for key in DATASETS}
+    found = {key: group[key][()] for key in DATASETS if key in group}
     if checksum_of_arrays(found).hex() != group.attrs[CHECKSUM]:
         raise _damaged(path)
     return found
