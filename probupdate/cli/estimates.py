@@ -30,6 +30,7 @@ def mode_options(a: argparse.Namespace) -> dict[str, Any]:
         modes=tuple(a.only) if a.only else None, fix=fixed_values(a.fix),
         weights=weights_option(a), frequencies=a.frequencies, shapes=a.shapes, discrepancy=a.discrepancy,
         tolerances=a.tolerances, baseline=tuple(getattr(a, "baseline", ())),
+        common=tuple(a.common) if hasattr(a, "baseline") else (),
         alternatives=tuple(a.alternatives))}
 
 
@@ -110,6 +111,9 @@ def baseline_option(p: argparse.ArgumentParser) -> None:
     p.add_argument("--baseline", nargs="+", metavar="RUN", default=(),
                    help="runs of other states of this structure (directory, update.json or posterior.nc): what they "
                    "showed of the model's error is known here")
+    p.add_argument("--common", nargs="+", metavar="NAME", default=(),
+                   help="parameters that are the same number in the baseline's states, such as a mass; the others are "
+                   "each state's own")
 
 
 def add_commands(verb: AddCommand) -> None:

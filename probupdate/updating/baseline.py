@@ -1,21 +1,23 @@
 """What states of a structure have shown of its model's error, carried from one run to the next.
 
-Responses of a state are y = g(theta) + m + delta + eps with delta ~ N(0, D), one vector of a structure. With theta's
-prior integrated out, linear about the maximum, a state says w = W delta + n, n ~ N(0, 1), whatever D is (Kennedy &
-O'Hagan 2001). Rows of several states, each with parameters of its own, stand below one another. The next state has
-delta's posterior given them as its prior, with the same scales of D.
+Responses of a state are y = g(theta) + m + delta + eps with delta ~ N(0, D), one vector of a structure. Linear about
+the maximum a state says w = W delta + V theta + n, n ~ N(0, 1), whatever D is (Kennedy & O'Hagan 2001). Its prior
+integrates out what of theta is this state's own; rows of several states then stand below one another. The next state
+has delta's posterior given them as its prior, with the same scales of D; rows in which parameters of its own occur are
+responses beside the measured ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
+from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.settings import CONSTANTS
 
@@ -25,23 +27,54 @@ FREQUENCY, SHAPE = "frequency", "shape"
 FAR, ALIKE = 1.5, CONSTANTS.settling_mac
 # singular values below this share of the largest are none
 NONE = 1e-10
-ARRAYS = ("measured", "matrix", "value", "mean", "covariance", "left")
+# of a stored error, by the number of their columns
+ARRAYS = ("measured", "value", "mean", "left", "centre")
+TABLES = {"matrix": "names", "covariance": "names", "slope": "parameters", "spread": "parameters"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rows:
-    """w = W delta + n, n ~ N(0, 1): value w (n_row,), matrix W (n_row, n_unknown)."""
+    """w = W delta + V theta + n, n ~ N(0, 1): value w (n_row,), matrix W (n_row, n_unknown), slope V (n_row,
+    n_param) of the parameters of these names."""
 
     value: np.ndarray
     matrix: np.ndarray
+    slope: np.ndarray
+    parameters: tuple[str, ...]
 
     def below(self, others: Sequence[Rows]) -> Rows:
-        """All of them, in no more rows than are needed."""
-        every = (self, *others)
-        stacked = np.vstack([np.column_stack([r.matrix, r.value]) for r in every])
+        """All of them, in no more rows than are needed; the others' parameters are some of these."""
+        n, every = self.matrix.shape[1], []
+        for rows in (self, *others):
+            slope = np.zeros((len(rows.value), len(self.parameters)))
+            slope[:, [self.parameters.index(name) for name in rows.parameters]] = rows.slope
+            every.append(np.column_stack([rows.matrix, slope, rows.value]))
+        stacked = np.vstack(every)
         if len(stacked) > stacked.shape[1]:
             stacked = np.linalg.qr(stacked)[1]
-        return Rows(matrix=stacked[:, :-1], value=stacked[:, -1])
+        return replace(self, matrix=stacked[:, :n], slope=stacked[:, n:-1], value=stacked[:, -1])
+
+    def marginal(self, centre: np.ndarray, covariance: np.ndarray, kept: Sequence[str] = ()) -> Rows:
+        """With theta ~ N(centre, covariance) integrated out, but for the parameters kept."""
+        own = np.array([name in kept for name in self.parameters], bool)
+        across = covariance[np.ix_(~own, own)] @ np.linalg.inv(covariance[np.ix_(own, own)])
+        rest = covariance[np.ix_(~own, ~own)] - across @ covariance[np.ix_(own, ~own)]
+        out = self.slope[:, ~own]
+        root, _ = marginal_root(np.eye(len(self.value)), out @ np.linalg.cholesky(rest))
+        return Rows(value=root @ (self.value - out @ (centre[~own] - across @ centre[own])), matrix=root @ self.matrix,
+                    slope=root @ (self.slope[:, own] + out @ across),
+                    parameters=tuple(name for name, there in zip(self.parameters, own, strict=True) if there))
+
+    def split(self) -> tuple[Rows, Rows]:
+        """Rows with parameters, as many as there are, and rows without, turned so that their noise stays what it is."""
+        if not self.parameters:
+            return replace(self, value=self.value[:0], matrix=self.matrix[:0], slope=self.slope[:0]), self
+        turn = np.linalg.qr(self.slope, mode="complete")[0]
+        whole = replace(self, value=turn.T @ self.value, matrix=turn.T @ self.matrix, slope=turn.T @ self.slope)
+        n = len(self.parameters)
+        first, rest = (replace(whole, value=whole.value[rows], matrix=whole.matrix[rows], slope=whole.slope[rows])
+                       for rows in (slice(0, n), slice(n, None)))
+        return first, replace(rest, slope=rest.slope[:, :0], parameters=())
 
     def log_evidence(self, covariance: np.ndarray) -> float:
         """ln p(w) up to a constant, delta ~ N(0, covariance)."""
@@ -62,7 +95,8 @@ class LearntError:
 
     names: of each unknown ("frequency", mode) or ("shape", modes, component, channel); measured (n,): that frequency in
     Hz, or the component of the measured shape, whose scale the unknown has; frequencies are missed by shares of
-    themselves. matrix (n_row, n), value (n_row,): `Rows`. mean, covariance: of the posterior, averaged over the scales;
+    themselves. matrix (n_row, n), value (n_row,), slope (n_row, n_param), parameters: `Rows`, with centre (n_param,)
+    and spread (n_param, n_param) of their prior. mean, covariance: of the posterior, averaged over the scales;
     left (n,): its variance over the prior's, NaN of what has none. scales: 5 and 95 % of each. data: hashes of the
     states' measured modes; tolerances: stated ones of the model are part of delta. source: the file.
     """
@@ -75,6 +109,10 @@ class LearntError:
     measured: np.ndarray
     matrix: np.ndarray
     value: np.ndarray
+    parameters: tuple[str, ...]
+    slope: np.ndarray
+    centre: np.ndarray
+    spread: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
     left: np.ndarray
@@ -86,27 +124,29 @@ class LearntError:
         table = asdict(self)
         del table["source"]
         # the covariance and the rows are most of a file
-        plain = {k: [[float(f"{x:.9g}") for x in row] for row in table[k].tolist()] for k in ("matrix", "covariance")}
+        plain = {k: [[float(f"{x:.9g}") for x in row] for row in table[k].tolist()] for k in TABLES}
         left = [x if np.isfinite(x) else None for x in self.left.tolist()]
-        return table | {k: table[k].tolist() for k in ("measured", "value", "mean")} | plain | {"left": left}
+        return table | {k: table[k].tolist() for k in ARRAYS} | plain | {"left": left}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], source: str = "") -> LearntError:
         """Raises KeyError, TypeError or ValueError where a part lacks or does not fit."""
-        n = len(table["names"])
-        arrays = {k: np.array([np.nan if x is None else x for x in table[k]], float) for k in ARRAYS if k not in (
-            "matrix", "covariance")}
-        arrays |= {k: np.array(table[k], float).reshape(-1, n) for k in ("matrix", "covariance")}
+        n, n_param = len(table["names"]), len(table["parameters"])
+        arrays = {k: np.array([np.nan if x is None else x for x in table[k]], float) for k in ARRAYS}
+        arrays |= {k: np.array(table[k], float).reshape(-1, len(table[columns])) for k, columns in TABLES.items()}
         found = cls(**{**table, **{k: frozen_array(v) for k, v in arrays.items()}, "source": source,
-                       "names": tuple(tuple(name) for name in table["names"]), "states": tuple(table["states"]),
-                       "data": tuple(table["data"]), "scales": {k: tuple(v) for k, v in table["scales"].items()}})
+                       "names": tuple(tuple(name) for name in table["names"]),
+                       **{k: tuple(table[k]) for k in ("states", "data", "parameters")},
+                       "scales": {k: tuple(v) for k, v in table["scales"].items()}})
         sizes = [found.measured.shape, found.mean.shape, found.left.shape, (len(found.covariance),)]
+        of_parameters = found.centre.shape == (n_param,) == (len(found.spread),)
         kinds = {FREQUENCY: 2, SHAPE: 4}
         named = all(name and kinds.get(name[0]) == len(name) for name in found.names)
-        if any(size != (n,) for size in sizes) or len(found.matrix) != len(found.value) or not named:
+        rows = len(found.matrix) == len(found.slope) == len(found.value)
+        if any(size != (n,) for size in sizes) or not (rows and named and of_parameters):
             raise ValueError("parts of the model's error do not fit one another")
         hz = [x for name, x in zip(found.names, found.measured, strict=True) if name[0] == FREQUENCY]
-        numbers = (found.measured, found.matrix, found.value, found.mean, found.covariance)
+        numbers = (getattr(found, k) for k in (*ARRAYS, *TABLES) if k != "left")
         if not all(np.all(np.isfinite(part)) for part in numbers) or min(hz, default=1.0) <= 0:
             raise ValueError("the model's error holds what is not a number, or a frequency that is not positive")
         return found
@@ -131,17 +171,24 @@ class Unknowns:
     data: str
     tolerances: bool
 
-    def rows_of(self, known: LearntError) -> Rows:
-        """What a baseline says of these. Raises InputError where it is of another structure or states other things."""
+    def rows_of(self, known: LearntError, common: Sequence[str] = ()) -> Rows:
+        """What a baseline says of these, and of parameters that are the same number in both. Raises InputError where it
+        is of another structure or states other things."""
         _refuse_other(self, known)
+        for name in common:
+            if name not in known.parameters:
+                raise InputError("common", f"'{name}' is no parameter of baseline {known.source}".rstrip(),
+                                 f"give some of {', '.join(known.parameters)}")
+        every = Rows(value=known.value, matrix=known.matrix, slope=known.slope, parameters=known.parameters)
+        own = every.marginal(known.centre, known.spread, common)
         turn = self._turn(known)
         used = np.any(turn, axis=1)
         # what is not compared any more may be anything
-        rest = known.matrix[:, ~used]
+        rest = own.matrix[:, ~used]
         size = np.linalg.norm(rest, axis=0)
         kept = linalg.null_space((rest[:, size > 0] / size[size > 0]).T, rcond=NONE) if np.any(size > 0) else (
-            np.eye(len(known.value)))
-        return Rows(matrix=kept.T @ known.matrix @ turn, value=kept.T @ known.value)
+            np.eye(len(own.value)))
+        return replace(own, matrix=kept.T @ own.matrix @ turn, value=kept.T @ own.value, slope=kept.T @ own.slope)
 
     def _turn(self, known: LearntError) -> np.ndarray:
         """Its unknowns (n_known, n) from these responses' errors."""
@@ -215,7 +262,7 @@ def _refuse_other(own: Unknowns, known: LearntError) -> None:
                          "give a run with the same names of channels")
 
 
-def join_baselines(known: Sequence[LearntError], own: Unknowns) -> Rows:
+def join_baselines(known: Sequence[LearntError], own: Unknowns, common: Sequence[str] = ()) -> Rows:
     """What several baselines say of these. Raises InputError where two hold the same state."""
     seen: dict[str, str] = {}
     for one in known:
@@ -224,6 +271,6 @@ def join_baselines(known: Sequence[LearntError], own: Unknowns) -> Rows:
                 raise InputError(f"baseline {one.source}", f"holds a state that {seen[data]} holds too",
                                  "a run that was given a baseline holds it already: give the last one alone")
             seen[data] = one.source or one.model
-    first, *others = [own.rows_of(one) for one in known]
+    first, *others = [own.rows_of(one, common) for one in known]
     return first.below(others)
 

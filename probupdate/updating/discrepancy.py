@@ -20,7 +20,6 @@ from scipy import special
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, set_words
 from probupdate.model.interface import Model
-from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import refuse_other_types, setting
@@ -60,6 +59,7 @@ class LikelihoodSettings:
         "each, a source of error that is marginalised")
     baseline: tuple[Baseline, ...] = setting(
         (), "-", "runs of other states of the structure, whose model's error is this one's: directories or files")
+    common: tuple[str, ...] = setting((), "-", "parameters that are the same number in the baseline's states")
 
     def __post_init__(self):
         refuse_other_types(self)
@@ -78,7 +78,9 @@ class LikelihoodSettings:
         if self.alternatives and not chosen.tolerances:
             raise InputError("alternatives", "are sources of the model's error, which these weights do not marginalise",
                              "give --tolerances too")
-        chosen = replace(chosen, baseline=tuple(read_baseline(one) for one in self.baseline))
+        chosen = replace(chosen, baseline=tuple(read_baseline(one) for one in self.baseline), common=self.common)
+        for name in self.common:
+            model.parameters.index(name)
         discrepancy = self.discrepancy
         if discrepancy is None:
             own = isinstance(self.weights, str) and self.weights in ("measured", "covariance")
@@ -114,7 +116,7 @@ def state_model_error(
     if chosen.tolerances and getattr(model, "uncertainty", None) is not None:
         for step in range(2):
             progress("model error", step, 2)
-            problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, baseline=()))
+            problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, baseline=(), common=()))
             start = update(problem, penalty="prior").theta[-1] if chosen.at is None else np.array(chosen.at)
             chosen = replace(chosen, at=_place(model, maximum_a_posteriori(problem, [start]).theta))
     if discrepancy == "auto":
@@ -172,8 +174,9 @@ def estimate_discrepancy(
     """The weights with `scales`: what the model misses of frequencies, of shapes and by mixing of modes, at nodes where
     the posterior of these has its mass, the parameters integrated out with responses linear about the maximum. Raises
     InputError where no share below MOST explains the misfit."""
-    baseline = weights.baseline
-    first = build_problem(model, data, set_id=set_id, weights=replace(weights, baseline=()), clusters=clusters)
+    baseline = {"baseline": weights.baseline, "common": weights.common}
+    first = build_problem(model, data, set_id=set_id, weights=replace(weights, baseline=(), common=()),
+                          clusters=clusters)
     hyper = hyper_scales(first)
     plain = replace(first.weights, discrepancy=hyper[0], shape_discrepancy=hyper[1], mixing=hyper[2], scales=())
     progress("model discrepancy", 0, 3)
@@ -183,7 +186,7 @@ def estimate_discrepancy(
     chosen = plain
     for step in range(2):
         progress("model discrepancy", step + 1, 3)
-        known = replace(problem, weights=replace(problem.weights, baseline=baseline)).with_baseline()
+        known = replace(problem, weights=replace(problem.weights, **baseline)).with_baseline()
         start = maximum_a_posteriori(known, [start]).theta
         if weights.at is None and problem.mixing is not None:
             # modes mix where they are, not where the initial model has them
@@ -192,7 +195,7 @@ def estimate_discrepancy(
         chosen = _learnt(problem, start, plain, known.known)
         problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, scales=()), clusters=clusters)
     progress("model discrepancy", 3, 3)
-    return replace(chosen, baseline=baseline)
+    return replace(chosen, **baseline)
 
 
 def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: np.ndarray, set_id) -> None:
@@ -214,8 +217,8 @@ def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | N
     as_they_are = Coordinates(logarithmic=np.zeros(len(theta), bool), scale=problem.parameters.std)
     error = shared_error([problem], theta[None], as_they_are, alone=True)
     found = learn_scales(error, _prior_about(problem, theta),
-                         evidence=None if known is None else _evidence(problem,
-                                                                       error_rows(problem, theta).below([known])))
+                         evidence=None if known is None else _evidence(problem, _error_alone(
+                             problem, theta, error_rows(problem, theta).below([known]))))
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
@@ -239,14 +242,18 @@ def _evidence(problem: Problem, rows: Rows) -> Evidence:
 
 
 def error_rows(problem: Problem, theta: np.ndarray) -> Rows:
-    """What the measured responses say of the model's error, the parameters' prior integrated out with responses linear
-    about theta (n_param,)."""
+    """What the measured responses say of the model's error and of the parameters, linear about theta (n_param,)."""
     bare = problem.bare or problem
     response, slope = bare.sensitivity(theta)
-    centre, precision = _prior_about(bare, theta)
-    spread = np.linalg.inv(np.linalg.cholesky(precision)).T
-    root, _ = marginal_root(bare.quiet.unmixed_root, slope @ spread)
-    return Rows(matrix=root, value=root @ (bare.measured - response - slope @ (centre - theta)))
+    root = bare.quiet.unmixed_root
+    return Rows(matrix=root, value=root @ (bare.measured - response + slope @ theta), slope=root @ slope,
+                parameters=problem.parameters.names)
+
+
+def _error_alone(problem: Problem, theta: np.ndarray, rows: Rows) -> Rows:
+    """With the parameters' prior about theta (n_param,) integrated out."""
+    centre, precision = _prior_about(problem, theta)
+    return rows.marginal(centre, np.linalg.inv(precision))
 
 
 def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
@@ -255,7 +262,9 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     bare = problem.bare or problem
     if problem.weights.shapes == "mac" or not np.any(bare.error_covariance):
         return None
-    rows = error_rows(problem, theta).below([] if problem.known is None else [problem.known])
+    every = error_rows(problem, theta).below([] if problem.known is None else [problem.known])
+    rows = _error_alone(problem, theta, every)
+    centre, precision = _prior_about(problem, theta)
     stated = problem.weights.scales or ((*problem.weights.discrepancies, problem.weights.mixing, 0.0),)
     priors = [replace(bare, scales=scales[:3]).error_covariance for scales in stated] if problem.weights.scales else [
         bare.error_covariance]
@@ -275,8 +284,9 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     return LearntError(
         model=problem.model.name, states=(*(s for one in earlier for s in one.states), problem.set_id),
         data=(*(d for one in earlier for d in one.data), own.data), tolerances=own.tolerances, names=own.names,
-        measured=frozen_array(own.measured), matrix=frozen_array(rows.matrix * own.unit), left=frozen_array(left),
-        value=frozen_array(rows.value), mean=frozen_array(mean / own.unit),
+        measured=frozen_array(own.measured), matrix=frozen_array(every.matrix * own.unit), left=frozen_array(left),
+        value=frozen_array(every.value), slope=frozen_array(every.slope), parameters=every.parameters,
+        centre=frozen_array(centre), spread=frozen_array(np.linalg.inv(precision)), mean=frozen_array(mean / own.unit),
         covariance=frozen_array(covariance / np.outer(own.unit, own.unit)),
         scales={name: _ends(np.array([s[k] for s in stated]), share) for k, name in enumerate(kinds)})
 

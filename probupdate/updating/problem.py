@@ -78,8 +78,10 @@ class Problem:
     # misses by its form (`Weights.least_frequency_cov`, `least_shape_std`) counts
     scales: tuple[float, float, float] | None = None
     form: bool = True
-    # with a baseline: what it says of these responses, the problem without it, and its nodes
+    # with a baseline: what it says of these responses, the part of it in which parameters occur, which are responses
+    # behind the measured ones, the problem without it, and its nodes
     known: Rows | None = None
+    tied: Rows | None = None
     bare: Problem | None = None
     given: tuple[tuple[float, Problem], ...] = ()
     # by exchanges of parameters: the posterior is that about the first, times their number
@@ -98,14 +100,26 @@ class Problem:
     def measured(self) -> np.ndarray:
         """Lambda_S (n_response,): frequencies by group, then shape components by group, mode and channel."""
         parts = [g.frequency_response for g in self.groups] + [g.shape_response for g in self.groups]
-        return frozen_array(np.concatenate(parts))
+        return frozen_array(np.concatenate([*parts, *([] if self.tied is None else [self.tied.value])]))
+
+    @cached_property
+    def n_tied(self) -> int:
+        """Rows of a baseline behind the measured responses."""
+        return 0 if self.tied is None else len(self.tied.value)
+
+    @cached_property
+    def _tied_slope(self) -> np.ndarray:
+        """(n_tied, n_param)."""
+        slope = np.zeros((self.n_tied, len(self.parameters)))
+        if self.tied is not None:
+            slope[:, [self.parameters.index(name) for name in self.tied.parameters]] = self.tied.slope
+        return slope
 
     @cached_property
     def std(self) -> np.ndarray:
         """sigma of each response (n_response,) without the model's error, but for a MAC, one datum, whose expectation
         holds it."""
-        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
-        std = np.concatenate(parts)
+        std = self._stated_std
         if self.scales is not None or not self.form:
             own, least = self.own_variance
             std = np.sqrt(np.maximum(own + self.discrepancy_std**2, least))
@@ -124,16 +138,20 @@ class Problem:
             start += g.shape_response.size
         return tuple(found)
 
+    @property
+    def _stated_std(self) -> np.ndarray:
+        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
+        return np.concatenate([*parts, np.ones(self.n_tied)])
+
     @cached_property
     def _stated_discrepancy(self) -> np.ndarray:
         parts = [g.discrepancy_std for g in self.groups]
-        return np.concatenate([p[0] for p in parts] + [p[1] for p in parts])
+        return np.concatenate([*(p[0] for p in parts), *(p[1] for p in parts), np.zeros(self.n_tied)])
 
     @cached_property
     def own_variance(self) -> tuple[np.ndarray, np.ndarray]:
         """Of each response (n_response,) what is no discrepancy of the model, and the least that is left with it."""
-        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
-        stated = np.concatenate(parts) ** 2
+        stated = self._stated_std**2
         return stated - self._stated_discrepancy**2, LEAST_NOISE**2 * stated
 
     @cached_property
@@ -141,7 +159,7 @@ class Problem:
         """What a discrepancy of one, of a frequency or of the largest component, does to each response (n_response,).
         """
         parts = [g.unit_discrepancy for g in self.groups]
-        return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
+        return frozen_array(np.concatenate([*(p[0] for p in parts), *(p[1] for p in parts), np.zeros(self.n_tied)]))
 
     def by_kind(self, scales: Sequence[float]) -> np.ndarray:
         """Of frequencies and of shapes -> (n_response,)."""
@@ -209,7 +227,7 @@ class Problem:
             wanted = np.hypot(form, scales[:2])
             frequency, shape = np.maximum(wanted, LEAST_NOISE * np.array(least))
             least = float(frequency), float(shape)
-        return joint_root(self.groups, least)
+        return linalg.block_diag(joint_root(self.groups, least), np.eye(self.n_tied))
 
     @cached_property
     def factor(self) -> np.ndarray:
@@ -254,7 +272,7 @@ class Problem:
     @property
     def n_effective(self) -> int:
         """Responses less the numbers fitted to align shapes: the expected chi-square of a true model at truth."""
-        return sum(g.n_effective for g in self.groups)
+        return sum(g.n_effective for g in self.groups) + self.n_tied
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -286,7 +304,8 @@ class Problem:
             start += k
         response = np.log(frequency) if self.weights.frequencies == "log" else frequency
         return Prediction(
-            response=np.concatenate([response, *parts], axis=1) + self.mean, computed=computed,
+            response=np.concatenate([response, *parts, theta @ self._tied_slope.T], axis=1) + self.mean,
+            computed=computed,
             frequency_hz=frequency, mac=mac, fallback=solved.fallback,
         )
 
@@ -327,7 +346,8 @@ class Problem:
         if any(of_equal):
             rows = np.flatnonzero(of_equal)
             slope[rows] = self._central_differences(theta, rows)
-        return response + self.mean, slope
+        return (np.concatenate([response, self._tied_slope @ theta]) + self.mean,
+                np.vstack([slope, self._tied_slope]))
 
     def _central_differences(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Central differences of some responses (n_row, n_param), within the bounds."""
@@ -412,6 +432,8 @@ class Problem:
     @cached_property
     def unknowns(self) -> Unknowns:
         """The error of each response by name, frequencies as shares of themselves."""
+        if self.bare is not None:
+            return self.bare.unknowns
         names, n = [(FREQUENCY, self.mode_labels[j]) for j in self.used], self.n_frequency
         for matched, g in zip(self.matching.groups, self.groups, strict=True):
             if g.shapes != "none":
@@ -438,7 +460,7 @@ class Problem:
     def quiet(self) -> Problem:
         """The same problem with the noise of identification alone."""
         return replace(self, error=None, mixing=None, mixed_pairs=(), scales=(0.0, 0.0, 0.0), bare=None, given=(),
-                       form=self.form and not self.form_is_shared)
+                       tied=None, form=self.form and not self.form_is_shared)
 
     def with_baseline(self) -> Problem:
         """The same problem with what other states said of its model's error (`Weights.baseline`)."""
@@ -447,19 +469,23 @@ class Problem:
         if not np.any(self.error_covariance):
             raise InputError("baseline", "is of a model's error, and this run states that there is none",
                              "leave --discrepancy out, or give --discrepancy auto")
-        known = join_baselines(self.weights.baseline, self.unknowns)
+        known = join_baselines(self.weights.baseline, self.unknowns, self.weights.common)
+        _, free = known.split()
         nodes = [(log_weight, replace(self, scales=tuple(scales))) for *scales, log_weight in self.weights.scales]
-        given = tuple((log_weight + known.log_evidence(node.error_covariance), node.with_known(known))
+        given = tuple((log_weight + free.log_evidence(node.error_covariance), node.with_known(known))
                       for log_weight, node in nodes)
         return replace(self.with_known(known), given=given)
 
     def with_known(self, known: Rows) -> Problem:
-        """With the model's error as its posterior given these rows."""
-        mean, covariance = known.posterior(self.error_covariance)
+        """With the model's error as its posterior given these rows, those in which parameters occur as responses."""
+        tied, free = known.split()
+        mean, covariance = free.posterior(self.error_covariance)
         value, vectors = np.linalg.eigh(covariance)
-        error = ResponseError(sources=(), factor=frozen_array(vectors * np.sqrt(np.maximum(value, 0.0))),
-                              mean=frozen_array(self.mean + mean), theta=self.parameters.initial)
-        return replace(self.quiet, error=error, known=known, bare=self)
+        factor = vectors * np.sqrt(np.maximum(value, 0.0))
+        error = ResponseError(sources=(), factor=frozen_array(np.vstack([factor, tied.matrix @ factor])),
+                              mean=frozen_array(np.concatenate([self.mean + mean, tied.matrix @ mean])),
+                              theta=self.parameters.initial)
+        return replace(self.quiet, error=error, known=known, tied=tied, bare=self)
 
     @property
     def form_is_shared(self) -> bool:
@@ -487,7 +513,7 @@ class Problem:
         """How much of each response (n_response,) is left when shapes are aligned."""
         parts = [np.full(g.shape_response.size, (g.n_effective - g.size) / max(g.shape_response.size, 1))
                  for g in self.groups]
-        return frozen_array(np.concatenate([np.ones(self.n_frequency), *parts]))
+        return frozen_array(np.concatenate([np.ones(self.n_frequency), *parts, np.ones(self.n_tied)]))
 
     @cached_property
     def taken_by_alignment(self) -> float:
@@ -575,7 +601,7 @@ class Problem:
                                  else self.parameters.correlation.tolist()))),
             "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
             "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes, repr(self.weights.scales),
-                             *(() if self.known is None else (self.known.matrix, self.known.value))),
+                             *(() if self.known is None else (self.known.matrix, self.known.value, self.known.slope))),
             "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode,
                                    *(g.measured for g in self.matching.groups if g.mates)))),
         }

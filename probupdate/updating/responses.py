@@ -61,7 +61,7 @@ class Weights:
 
     tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
     at the parameters `at`, or at the initial ones. `baseline`: what other states of the structure have shown of the
-    model's error (`updating.baseline`).
+    model's error (`updating.baseline`), in which the parameters `common` are the same numbers.
     """
 
     frequency_cov: tuple[float, ...] | None = None
@@ -81,10 +81,11 @@ class Weights:
     tolerances: bool = False
     at: tuple[float, ...] | None = None
     baseline: tuple[LearntError, ...] = ()
+    common: tuple[str, ...] = ()
 
     def to_table(self) -> dict:
         """As plain numbers, but for a baseline."""
-        return asdict(replace(self, baseline=()))
+        return asdict(replace(self, baseline=(), common=()))
 
     @classmethod
     def from_table(cls, table: Mapping) -> Weights:
@@ -111,6 +112,9 @@ class Weights:
         if self.baseline and self.shapes == "mac":
             raise InputError("baseline", "knows errors of frequencies and of components; a MAC has none that is linear",
                              "compare shapes as plane, or not at all (--shapes none)")
+        if self.common and not self.baseline:
+            raise InputError("common", "names parameters of a baseline's states, and there is no baseline",
+                             "give the runs with --baseline")
 
     @property
     def description(self) -> str:

@@ -107,7 +107,7 @@ def deterministic_update(
         map_at_bound=laplace.at_bound, map_misfit=laplace.misfit,
         map_hz=_order_as_data(problem, predicted.frequency_hz[1], data.n_mode),
         map_mac=_order_as_data(problem, predicted.mac[1], data.n_mode),
-        n_response=problem.measured.size, n_effective=problem.n_effective,
+        n_response=problem.measured.size - problem.n_tied, n_effective=problem.n_effective,
         other_maxima=laplace.others,
         derived=_derived_values(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
                                 prior=runs["prior"].theta[-1], map=laplace.theta),
@@ -130,8 +130,11 @@ def _baseline_settings(problem: Problem, error: LearntError | None) -> dict[str,
         return {}
     used = [problem.unknowns.used_words(one) for one in problem.weights.baseline]
     resolved = f"share of the model's error (variance) that these states resolve: {error.resolved_words()}"
-    return {BASELINE: "; ".join([*used, resolved, "where that is little the intervals hold the error in full; "
-                                 "parameters count as numbers of their own in each state"])}
+    common = ", ".join(problem.weights.common)
+    counted = f"one number in all states: {common}" if common else (
+        "parameters count as numbers of their own in each state")
+    held = "where that is little the intervals hold the error in full"
+    return {BASELINE: "; ".join([*used, resolved, held, counted])}
 
 
 def _both_tikhonov_updates(
@@ -406,6 +409,7 @@ def _posterior(found: _SampledChain, data: ModalData, settings: SamplerSettings,
     parameters = problem.parameters
     log_prior = parameters.log_density(found.theta)
     error = learnt_error(problem, found.laplace.theta)
+    n_own = problem.measured.size - problem.n_tied
     return Posterior(
         names=parameters.names,
         theta=frozen_array(found.theta.transpose(1, 0, 2)),
@@ -413,9 +417,9 @@ def _posterior(found: _SampledChain, data: ModalData, settings: SamplerSettings,
         log_posterior=frozen_array(found.log_posterior.T),
         prior=frozen_array(parameters.draw(rng, 4000)),
         response_labels=tuple(_response_labels(problem)),
-        measured=problem.measured,
-        std=problem.whole_std,
-        predicted=frozen_array(predicted.response),
+        measured=problem.measured[:n_own],
+        std=problem.whole_std[:n_own],
+        predicted=frozen_array(predicted.response[:, :n_own]),
         frequency_hz=frozen_array(predicted.frequency_hz),
         mode_labels=tuple(problem.mode_labels[j] for j in problem.used),
         r_hat=chain.r_hat,

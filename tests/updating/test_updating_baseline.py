@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import linalg, sparse
+from scipy import linalg, sparse, special, stats
 from updating_cases import (
     CHAIN_PARAMETERS,
     CHANNELS,
@@ -112,6 +112,80 @@ def test_scales_are_learnt_from_both_states(validation):
     row.error((now.model_error.mean - mean[6:]) / std[6:], below=1e-3, of="the model's error")
 
 
+# Parameters that are one number in all states
+
+COMMON_STD = np.array([0.5, 0.3, 0.2])
+
+
+def tied_states(seed: int, common: tuple[int, ...], missed: float = MISSED):
+    """Frequencies of two states, in which some parameters are the same number, with other slopes."""
+    rng = np.random.default_rng([seed, 3])
+    share = 1 + missed * rng.standard_normal(5)
+    first, second = COMMON_STD * rng.standard_normal((2, 3))
+    second[list(common)] = first[list(common)]
+    return second, *((LINEAR_HZ + slope @ theta) * share + STD * LINEAR_HZ * rng.standard_normal(5)
+                     for slope, theta in ((SLOPE, first), (OTHER_SLOPE, second)))
+
+
+def dense_tied(first, second, common: tuple[int, ...], missed: float, correlation=None):
+    """Of the second state's parameters: mean, covariance and ln p of both, the parameters of both stacked with those
+    in common as one column, by one dense Gaussian."""
+    rest = [k for k in range(3) if k not in common]
+    A = np.zeros((10, 3 + len(rest) + 5))
+    A[5:, :3], A[:5, list(common)], A[:5, 3:3 + len(rest)] = OTHER_SLOPE, SLOPE[:, list(common)], SLOPE[:, rest]
+    A[:5, -5:], A[5:, -5:] = np.diag(first), np.diag(second)
+    C = np.diag(COMMON_STD**2) if correlation is None else correlation * np.outer(COMMON_STD, COMMON_STD)
+    prior = np.zeros((A.shape[1],) * 2)
+    prior[:3, :3], prior[-5:, -5:] = C, missed**2 * np.eye(5)
+    own = slice(3, 3 + len(rest))
+    # the first state's own are as the second's are: correlated with what is common, and by that alone with the second's
+    tied = np.ix_(rest, common)
+    back = C[tied] @ np.linalg.inv(C[np.ix_(common, common)])
+    prior[own, :3] = back @ C[list(common)]
+    prior[:3, own] = prior[own, :3].T
+    prior[own, own] = C[np.ix_(rest, rest)]
+    r = np.concatenate([first - LINEAR_HZ, second - LINEAR_HZ])
+    S = A @ prior @ A.T + np.diag(np.tile(STD * LINEAR_HZ, 2) ** 2)
+    gain = prior @ A.T @ np.linalg.inv(S)
+    return (gain @ r)[:3], (prior - gain @ A @ prior)[:3, :3], -0.5 * r @ np.linalg.solve(S, r) - 0.5 * (
+        np.linalg.slogdet(S)[1])
+
+
+@pytest.mark.parametrize("common", [(2,), (0, 1), (0, 1, 2)])
+@pytest.mark.parametrize("correlation", [None, np.array([[1.0, 0.6, 0.2], [0.6, 1.0, -0.3], [0.2, -0.3, 1.0]])])
+def test_common_parameters_of_two_states_are_one_gaussian(common, correlation, validation):
+    row = validation(what="update with a baseline, some parameters common", reference="dense Gaussian",
+                     unit="posterior standard deviations")
+    _, first, second = tied_states(1, common)
+    given = replace(parameters(COMMON_STD), correlation=correlation)
+    before = verbs.update(linear_model(given, SLOPE), linear_data(first, cov=STD), likelihood=PLAIN)
+    now = verbs.update(linear_model(given, OTHER_SLOPE), linear_data(second, cov=STD), likelihood=replace(
+        PLAIN, baseline=(before,), common=tuple("abc"[k] for k in common)))
+    mean, covariance, _ = dense_tied(first, second, common, MISSED, correlation)
+    std = np.sqrt(np.diag(covariance))
+    row.error((now.map_theta - CENTRE - mean) / std, below=1e-6, of="parameters")
+    row.error(now.map_covariance / np.outer(std, std) - covariance / np.outer(std, std), below=1e-6, of="covariance")
+
+
+def test_scales_are_learnt_with_a_common_parameter(validation):
+    row = validation(what="density with a baseline, a parameter common, scale learnt",
+                     reference="quadrature over the scale", unit="ln p")
+    _, first, second = tied_states(2, (0, 1))
+    learnt = replace(PLAIN, discrepancy=None)
+    before = updated(first, COMMON_STD, SLOPE, learnt)
+    model, data = linear_model(parameters(COMMON_STD), OTHER_SLOPE), linear_data(second, cov=STD)
+    weights = replace(learnt, baseline=(before,), common=("a", "b")).stated_for(model, data)
+    grid = np.geomspace(1e-5, 1.0, 401)
+    every = [dense_tied(first, second, (0, 1), missed) for missed in grid]
+    weight = np.array([value for *_, value in every]) + np.log(grid) - np.log1p((grid / 0.01) ** 2)
+    mean, covariance, _ = every[int(np.argmax(weight))]
+    points = np.random.default_rng(1).multivariate_normal(mean, covariance, 30)
+    exact = special.logsumexp([w + stats.multivariate_normal(m, c).logpdf(points)
+                               for w, (m, c, _) in zip(weight, every, strict=True)], axis=0)
+    off = build_problem(model, data, weights=weights).log_posterior(CENTRE + points)[0] - exact
+    row.error(off - off.mean(), below=0.05)
+
+
 def test_a_chain_of_baselines_holds_all_of_them():
     first, second, third = states(n=3)
     one, other = updated(first, KNOWN, SLOPE), updated(second, KNOWN, SLOPE)
@@ -134,6 +208,23 @@ def test_where_nothing_resolves_the_error_intervals_stay_wide():
     assert now.map_covariance == pytest.approx(alone.map_covariance, rel=1e-3)
     assert now.map_theta == pytest.approx(alone.map_theta, abs=1e-2 * np.sqrt(np.diag(alone.map_covariance)).min())
     assert "mode 1 0 %" in vague.model_error.resolved_words()
+
+
+@pytest.mark.long
+def test_sample_takes_a_common_parameter_along(tmp_path, validation):
+    row = validation(what="emcee with a baseline's file, two parameters common", reference="dense Gaussian",
+                     unit="posterior standard deviations")
+    _, first, second = tied_states(4, (0, 1))
+    updated(first, COMMON_STD, SLOPE).write(tmp_path / "update.json")
+    found = verbs.sample(linear_model(parameters(COMMON_STD), OTHER_SLOPE), linear_data(second, cov=STD),
+                         tmp_path / "posterior.nc", likelihood=replace(PLAIN, baseline=(tmp_path,), common=("a", "b")),
+                         settings=SamplerSettings(target_ess=200))
+    mean, covariance, _ = dense_tied(first, second, (0, 1), MISSED)
+    std = np.sqrt(np.diag(covariance))
+    row.error((found.draws.mean(axis=0) - CENTRE - mean) / std, below=4 / np.sqrt(200), of="means")
+    row.error(found.draws.std(axis=0) / std - 1, below=4 / np.sqrt(2 * 200), of="standard deviations")
+    assert found.measured.size == found.predicted.shape[1] == len(found.response_labels) == 5
+    assert any("one number in all states: a, b" in text for text in found.record["statements"])
 
 
 @pytest.mark.long
@@ -276,6 +367,20 @@ def test_a_baseline_that_does_not_fit_is_refused(baseline, change, words):
     with pytest.raises(InputError, match=words):
         verbs.update(linear_model(parameters(WIDE)), data, likelihood=replace(
             PLAIN, baseline=(baseline,), **options))
+
+
+@pytest.mark.parametrize(("common", "with_baseline", "words"), [
+    (("d",), True, "parameter d"), (("a",), False, "there is no baseline")])
+def test_a_common_parameter_that_is_none_is_refused(baseline, common, with_baseline, words):
+    with pytest.raises(InputError, match=words):
+        updated(states()[1], baseline=(baseline,) if with_baseline else (), common=common)
+
+
+def test_a_parameter_that_the_baseline_held_is_not_common():
+    first, second = states()
+    before = updated(first, KNOWN, SLOPE, fix={"a": 1.0})
+    with pytest.raises(InputError, match="'a' is no parameter of"):
+        updated(second, baseline=(before,), common=("a",))
 
 
 def test_runs_that_hold_the_same_state_are_refused(baseline):
