@@ -8,19 +8,21 @@ learnt again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.special import gammaln
 
 from probupdate.campaign.blocks import Block, block_files, block_id, read_block
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError
 from probupdate.identification.environment import fore_aft_deg
+from probupdate.io.result_table import plural
 from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, thickness_effects, weights
@@ -263,6 +265,22 @@ def _nearest_state(conditions: Conditions, known: Mapping[str, float | str]) -> 
     return min(alike, key=lambda k: abs(conditions.state[k].wind_mps - float(wind)))
 
 
+def _state_notes(planned: Sequence[_PlannedBlock], conditions: Conditions) -> Iterator[str]:
+    """Of blocks whose state of fatigue.toml is not the turbine's."""
+    def names(blocks: Sequence[_PlannedBlock]) -> str:
+        return ", ".join(dict.fromkeys(f"'{conditions.state[p.state].name}'" for p in blocks))
+
+    if windless := [p for p in planned if p.conditions.get("wind_speed_mps") is None]:
+        yield (f"no wind speed is known of {plural(len(windless), 'block')}: the first state of fatigue.toml, "
+               f"{names(windless)}, is taken for it, with its share of the year; give the wind in scada.csv")
+    for idles, word in ((True, "idling"), (False, "operating")):
+        other = [p for p in planned if p.conditions.get("state") not in (None, "unknown", "mixed")
+                 and (p.conditions["state"] == IDLING) == idles == conditions.state[p.state].operating]
+        if other:
+            yield (f"fatigue.toml has no {word} state: {plural(len(other), f'{word} block')} count as {names(other)}; "
+                   "state one")
+
+
 def _worst_of_each_side(spots: Sequence[HotSpot], damage: np.ndarray, n: int) -> np.ndarray:
     """(n,) spots of most damage, one of each side of a detail."""
     seen: dict[tuple[int, str], int] = {}
@@ -381,6 +399,7 @@ class _Work:
                          f"{', '.join(str(k + 1) for k in self.joined.spots)}")
         if self.unused:
             found.append(f"channels not used: {', '.join(self.unused)}")
+        found += _state_notes(planned, self.conditions)
         if all("nacelle_heading_deg" not in p.conditions for p in planned):
             found.append("no nacelle heading is recorded: rotor and nacelle are taken to look where they do in "
                          "the model's file")
@@ -426,15 +445,22 @@ class _Group:
         if not whole.size:
             return None
         one, open_moments = self._smoother(whole, lines)
-        seen = self._moments_at_spots(_moments(one.of.frequency_hz, one.of.stress(one.estimate(lines))))
+        stress = one.of.stress(one.estimate(lines))
+        seen = self._moments_at_spots(_moments(one.of.frequency_hz, stress))
         total = seen + self._moments_at_spots(open_moments)
-        own = ranges(np.maximum(total, 1e-300))
+        own, resolved = ranges(np.maximum(total, 1e-300)), seen[0] / total[0]
+        at, w = weights(self.work.spots)
+        by_detail, count = stress.reshape(len(self.work.details), 3, -1), np.empty(len(at))
+        for k in range(len(by_detail)):
+            count[at == k] = _line_count(np.abs(w[at == k].astype(np.float32) @ by_detail[k]) ** 2)
+        count /= resolved**2
+        power = np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)
         return BlockStress(
             id=read.id, state=self.work.conditions.state[self.state].name, conditions=planned.conditions,
             heading_deg=self.heading_deg, n_channel=len(whole),
-            equivalent_mpa=frozen_array([own.moment(m) ** (1 / m) for m in SLOPES]),
-            damage_per_hour=frozen_array(3600 * self._damage(total)), resolved=frozen_array(seen[0] / total[0]),
-            exponent=frozen_array(np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)))
+            equivalent_mpa=frozen_array([(own.moment(m) / _excess(count, m)) ** (1 / m) for m in SLOPES]),
+            damage_per_hour=frozen_array(3600 * self._damage(total) / _excess(count, power)),
+            resolved=frozen_array(resolved), exponent=frozen_array(power))
 
     def _moments_at_spots(self, moments: np.ndarray) -> np.ndarray:
         """(14, n_detail, 3, 3) -> (14, n_spot)."""
@@ -511,13 +537,16 @@ class _Group:
 
     def _counted_damage(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
         f = self.of.frequency_hz
-        moments = np.array([np.sum(f**k * np.abs(of_spots) ** 2, axis=1) for k in ORDERS]) * (f[1] - f[0])
+        power = np.abs(of_spots) ** 2
+        moments, counts = np.array([np.sum(f**k * power, axis=1) for k in ORDERS]) * (f[1] - f[0]), _line_count(power)
         ten = round(TEN_MINUTES_S * rate)
         found = []
         for j, k in enumerate(worst):
             spot = self.work.spots[k]
             law, effect = self.work.conditions.law(spot.curve), spot.thickness_effect
-            by_spectrum = float(ranges(moments[:, j : j + 1]).damage(law, effect)[0])
+            own = ranges(moments[:, j])
+            by_spectrum, more = (float(own.damage(law, f * effect)) for f in (1.0, FACTOR))
+            by_spectrum /= _excess(counts[j], np.log(more / by_spectrum) / np.log(FACTOR))
             pieces = [record[a : a + ten, j] for a in range(0, max(len(record) - ten + 1, 1), ten)]
             counted = 0.0
             for piece in pieces:
@@ -536,6 +565,18 @@ def _spread(planned: Sequence[_PlannedBlock], n: int) -> list[_PlannedBlock]:
 def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
     """(14, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
     return paired_moments(stress, (f[1] - f[0]) * f ** np.array(ORDERS)[:, None])
+
+
+def _line_count(power: np.ndarray) -> np.ndarray:
+    """(n,) of how many equal lines the scatter of power would be that of records' lines (n, n_line): these are
+    exponentially distributed about their expectation."""
+    return np.maximum(2 * power.sum(axis=1) ** 2 / np.sum(power**2, axis=1) - 1, 1)
+
+
+def _excess(count: np.ndarray, power) -> np.ndarray:
+    """By how much damage of this power, expected for a spectrum, is too large where the spectrum is a record's own of
+    so many lines: E[(chi^2 / nu)^(power / 2)], nu twice the lines. A cycle that is in a record has its size once."""
+    return np.exp(gammaln(count + power / 2) - gammaln(count) - power / 2 * np.log(count))
 
 
 def _unresolved_moments(one: Smoother, n_detail: int, every: int = 6) -> np.ndarray:

@@ -246,6 +246,24 @@ def test_states_that_were_not_measured_are_said(written):
     assert any("slower than ten minutes" in note for note in kept["notes"])
 
 
+def test_blocks_without_wind_are_said_to_stand_for_a_state(written):
+    notes = json.loads((written / "stresses.json").read_text())["notes"]
+    assert any("no wind speed is known of 2 blocks" in note and "'storm'" in note for note in notes)
+
+
+def test_a_cycle_of_one_size_does_the_damage_of_that_size(written, validation):
+    """A Gaussian of the same spectrum has ranges of all sizes: of m = 5 it does 3.3 times the damage."""
+    spots = pd.read_csv(written / "hot_spots.csv").sort_values("hot_spot")
+    weld = int(np.flatnonzero((spots["side"] == "weld") & (spots["place"] == 1))[0])
+    row = validation(what="equivalent range of a slow thrust of one size at the tower's foot, m = 3 and 5",
+                     reference="twice the amplitude of statics by hand, times the cycles a second to 1 / m",
+                     why="scatter of the sensors' noise, and the window's ends")
+    with np.load(written / "all_blocks.npz") as blocks:
+        for k, m in enumerate((3, 5)):
+            expected = 2 * abs(hand_stress(AMPLITUDE)) * SLOW_HZ ** (1 / m)
+            row.error(blocks["equivalent_mpa"][:, k, weld] / expected - 1, below=0.04)
+
+
 def test_a_run_with_stresses_shows_them_in_its_report(written, tmp_path):
     shutil.copytree(written, tmp_path / "stresses")
     run = Run(folder=tmp_path, title="small", missing=(), provenance=())
