@@ -17,7 +17,8 @@ from pydantic import Field, Strict, ValidationError
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
-from probupdate.structure.schema import NotNegative, Number, Positive, Table, nearest
+from probupdate.structure.description_checks import RANGES
+from probupdate.structure.schema import NotNegative, Positive, Table, nearest
 
 Real = Annotated[float, Strict()]
 
@@ -26,6 +27,12 @@ def bounded_number(limit: float, why: str, above: float | None = None, least: fl
     """Of a number up to a limit, and above or from another, that physics or the unit sets; `why` is said where one is
     not."""
     return Field(le=limit, gt=above, ge=least, description=why)
+
+
+def range_of_unit(key: str) -> Any:
+    """Of a number of a model.toml, bounded as there."""
+    low, high, unit = RANGES[key]
+    return bounded_number(high, unit, least=low)
 
 
 # log10 of the cycles at a range of 100 MPa: those of DNV-RP-C203 lie between 4.5 (W3, free corrosion) and 8
@@ -38,6 +45,7 @@ BREAKING = 0.142
 # 1e-3 of these
 LEAST_THRUST, MOST_THRUST = 5e-4, 3.0
 METRES = "a length in metres"
+Offset = Annotated[Real, bounded_number(100.0, METRES, least=-100)]
 STRESS_FACTOR = "a stress concentration factor"
 SHARE = "a share, not per cent"
 # annual, of a detail with large consequence of failure and moderate cost of safety; the default, and said
@@ -117,7 +125,7 @@ class Efthymiou(Table):
     chord_length_m: Positive
     chord_fixity: Annotated[Real, Field(ge=0.5, le=1.0)]
     gap_m: NotNegative | None = None
-    least: Positive
+    least: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
 
 
 class Sides(Table):
@@ -151,13 +159,13 @@ class Site(Table):
     """What a SubDyn file does not say: the water, and where thrust acts. growth_m: marine growth, on the diameter that
     waves see; hub_joint: None for the top of the model's [tower]."""
 
-    water_density_kgpm3: Positive
-    gravity_mps2: Positive
-    mudline_m: Number
-    water_level_m: Number
-    growth_m: NotNegative
+    water_density_kgpm3: Annotated[Real, range_of_unit("site.water_density_kgpm3")]
+    gravity_mps2: Annotated[Real, range_of_unit("site.gravity_mps2")]
+    mudline_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
+    water_level_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
+    growth_m: Annotated[Real, bounded_number(1.0, "a thickness in metres, of marine growth 0.05 to 0.2", least=0)]
     hub_joint: Annotated[int, Strict(), Field(ge=1)] | None = None
-    hub_offset_m: tuple[Number, Number, Number]
+    hub_offset_m: tuple[Offset, Offset, Offset]
 
 
 class Girth(Table):
@@ -387,6 +395,23 @@ def thrust_spectra(c: Conditions, path: Path) -> Mapping[str, tuple[np.ndarray, 
                              f"the wind's pressure on the rotor is {mean:.3g} N", "give N^2/Hz over Hz, one-sided")
         found[state.name] = (f, s)
     return found
+
+
+def line_densities(frequency_hz: np.ndarray, at_hz: np.ndarray, density: np.ndarray) -> np.ndarray:
+    """(n,) on frequency_hz (n,) of a density stated at at_hz, straight between and zero outside: means weighted by the
+    lines' triangles, so that trapezoids have its variance, also that of a peak between two lines."""
+    f = np.asarray(frequency_hz, float)
+    ends = np.unique(np.concatenate([f, at_hz]))
+    ends = ends[(ends >= f[0]) & (ends <= f[-1])]
+    # Simpson's rule is exact on pieces where both are straight
+    x = np.array([ends[:-1], 0.5 * (ends[:-1] + ends[1:]), ends[1:]])
+    inside = (x[1] > at_hz[0]) & (x[1] < at_hz[-1])
+    line = np.searchsorted(f, x[1]) - 1
+    later = (x - f[line]) / np.diff(f)[line]
+    piece = np.array([[1.0], [4.0], [1.0]]) / 6 * np.diff(ends) * inside * np.interp(x, at_hz, density)
+    shares = (1 - later, later)
+    total = sum(np.bincount(line + k, np.sum(piece * share, axis=0), len(f)) for k, share in enumerate(shares))
+    return total / np.convolve(np.diff(f), [0.5, 0.5])
 
 
 def jonswap(frequency_hz: np.ndarray, hs_m: float, tp_s: float, gamma: float) -> np.ndarray:

@@ -550,10 +550,12 @@ def _write_remaining_life(files, result: FatigueResult) -> None:
         lives = life_quantiles(result.curve, mean, std, c.uncertainty, np.array(QUANTILES), survived_years=proven)
         now = np.full((result.curve.n_spot, 1), np.log(max(age, 1e-9)))
         log_survival = survival(result.curve, mean, std, c.uncertainty, now)[:, 0]
-        first = result.index[name].first_below
+        index = result.index[name]
+        # what is known to be survived has no years below the target
+        below = (index.annual < c.target.annual_index) & (index.year > proven)
         rows += [
             [name, int(k) + 1, *(lives[j] - age).tolist(), float(np.exp(log_survival[j])),
-             max(float(first[j]) - 1 - age, 0.0) if first[j] else None]
+             max(float(index.year[np.argmax(below[j])]) - 1, proven) - age if below[j].any() else None]
             for j, k in enumerate(result.worst)
         ]
     condition = f"given that it stands at the age of {age:g} years"
@@ -571,6 +573,6 @@ def _write_remaining_life(files, result: FatigueResult) -> None:
         ],
         rows,
         what=f"quantiles of years from now to failure, {condition}; survival_to_age: its probability before that was "
-        f"known; years_to_target: full years from now until the annual index falls below {c.target.annual_index:g}, "
-        f"empty where it does not within {c.life.years} years of life",
+        f"known; years_to_target: years from now until the annual index, given the same, falls below "
+        f"{c.target.annual_index:g}, empty where it does not within {c.life.years} years of life",
     )

@@ -24,7 +24,7 @@ from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
-from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance
+from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, line_densities, rotor_admittance
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail
 from probupdate.lifetime.modal_stress import ModalStress, Slopes, paired_moments, times
@@ -268,8 +268,7 @@ class StressModel:
         f, wind = self.frequency_hz, self.conditions.wind
         elevation = jonswap(f[: self._wet], state.hs_m, state.tp_s, state.gamma)
         if state.name in self.spectra:
-            at, density_of = self.spectra[state.name]
-            return np.interp(f, at, density_of, left=0.0, right=0.0), elevation
+            return line_densities(f, *self.spectra[state.name]), elevation
         rate = self._thrust_rate(state) * rotor_admittance(f, state.wind_mps, self._rotor_area)
         return rate**2 * kaimal(f, state.wind_mps, state.turbulence, wind.integral_length_m), elevation
 

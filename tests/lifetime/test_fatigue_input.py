@@ -24,6 +24,10 @@ def changed(**tables):
     return raw
 
 
+SITE = {"water_density_kgpm3": 1025.0, "gravity_mps2": 9.81, "mudline_m": -50.0, "water_level_m": 0.0, "growth_m": 0.0,
+        "hub_offset_m": [-5.0, 0.0, 2.4]}
+
+
 @pytest.mark.parametrize("tables, words", [
     ({"curve": {"T": {**CONDITIONS["curve"]["T"], "log10_a1": 11.764 + 18}}}, "ranges in MPa"),
     ({"curve": {"T": {**CONDITIONS["curve"]["T"], "reference_thickness_m": 32.0}}}, "wall in metres"),
@@ -40,6 +44,10 @@ def changed(**tables):
     ({"inspection": {"age_years": 9.0, "detectable_share": 0.5}}, "above the age"),
     ({"target": {"annual_index": 5e-4}}, "not a probability"),
     ({"damping": {"ratio": 1.0}}, "not per cent"),
+    ({"site": {**SITE, "water_density_kgpm3": 1.025}}, "sea water has 1025"),
+    ({"site": {**SITE, "gravity_mps2": 9810.0}}, "9.81 on this planet"),
+    ({"site": {**SITE, "growth_m": 100.0}}, "thickness in metres"),
+    ({"site": {**SITE, "hub_offset_m": [-5000.0, 0.0, 2400.0]}}, "hub_offset_m"),
     ({"life": {"age": 5.0, "years": 30, "reference_cycles": 1e7}}, "life.age: is not a key of this file; did you mean"),
 ])
 def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, words):

@@ -375,9 +375,24 @@ def test_a_users_spectrum_takes_the_place_of_turbulence(tmp_path):
     found = fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
     one = found.models[0]
     at = np.searchsorted(one.frequency_hz, [0.05, 0.15, 0.5])
-    np.testing.assert_allclose(
-        one.cases[1].thrust[at], np.interp(one.frequency_hz[at], [0.01, 0.1, 0.2], [1e9, 1e9, 0])
-    )
+    expected = np.interp(one.frequency_hz[at], [0.01, 0.1, 0.2], [1e9, 1e9, 0])
+    # means over steps of at most a fortieth, where slopes do not change
+    np.testing.assert_allclose(one.cases[1].thrust[at], expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("peak_hz", [0.0503, 0.1117, 0.2001])
+def test_a_rotors_line_between_two_frequencies_keeps_its_variance(tmp_path, peak_hz):
+    """A peak of a thousandth of a hertz, as a rotor of constant speed makes, on slow thrust."""
+    (tmp_path / "fatigue.toml").write_text(
+        _toml(CONDITIONS).replace('name = "rated"', 'name = "rated"\nthrust_spectrum = "thrust.csv"'))
+    rows = [(0.002, 1e11), (0.04, 1e8), (peak_hz - 5e-4, 1e7), (peak_hz, 1e12), (peak_hz + 5e-4, 1e7), (2.0, 0.0)]
+    (tmp_path / "thrust.csv").write_text("frequency_hz,n2phz\n" + "".join(f"{f},{s}\n" for f, s in rows))
+    one = fatigue_model(turbine(), "small", tmp_path / "fatigue.toml").models[0]
+    f, stated = one.frequency_hz, np.array(rows)
+    for power in (0, 2):
+        fine = np.linspace(f[0], 2.0, 400_000)
+        variance = np.trapezoid(fine**power * np.interp(fine, *stated.T, left=0), fine)
+        np.testing.assert_allclose(np.trapezoid(f**power * one.cases[1].thrust, f), variance, rtol=2e-3)
 
 
 @pytest.mark.parametrize(
