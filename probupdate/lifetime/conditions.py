@@ -17,8 +17,7 @@ from pydantic import Field, Strict, ValidationError
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
-from probupdate.structure.description_checks import RANGES
-from probupdate.structure.schema import NotNegative, Positive, Table, nearest
+from probupdate.structure.schema import RANGES, NotNegative, Positive, Table, nearest
 
 Real = Annotated[float, Strict()]
 

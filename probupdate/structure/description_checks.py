@@ -21,7 +21,7 @@ from probupdate.structure.description import (
 )
 from probupdate.structure.effect_kinds import KINDS, SETTINGS, Kind, Place
 from probupdate.structure.effects import ends, faces
-from probupdate.structure.schema import Mistake, nearest
+from probupdate.structure.schema import RANGES, Mistake, nearest
 
 
 def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
@@ -49,14 +49,6 @@ def _check_walls(d: Description) -> Iterator[Mistake]:
                    "check the unit: metres")
 
 
-# what no structural metal, water or soil is beyond, wide on purpose: a value outside is in another unit
-RANGES = {
-    "steel.youngs_modulus_pa": (1e10, 1e12, "Pa: steel has 2.1e11"),
-    "steel.density_kgpm3": (500.0, 25e3, "kg/m3: steel has 7850"),
-    "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
-    "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
-    "soil.submerged_unit_weight_npm3": (500.0, np.inf, "N/m3: clay has some 9000"),
-}
 # undrained shear strength ten metres down, Pa: below it no clay stands
 LEAST_STRENGTH_PA = 1000.0
 # tube, grout and pile of a connection fit into one another within this, m

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from math import inf
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, Strict
@@ -10,6 +11,14 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 Number = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]
 NotNegative = Annotated[float, Strict(), Field(ge=0)]
+# what no structural metal, water or soil is beyond, wide on purpose: a value outside is in another unit
+RANGES = {
+    "steel.youngs_modulus_pa": (1e10, 1e12, "Pa: steel has 2.1e11"),
+    "steel.density_kgpm3": (500.0, 25e3, "kg/m3: steel has 7850"),
+    "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
+    "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
+    "soil.submerged_unit_weight_npm3": (500.0, inf, "N/m3: clay has some 9000"),
+}
 Vector = tuple[Number, Number, Number]
 
 # one mistake: key path, what is wrong, what to do
