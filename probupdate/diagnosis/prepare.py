@@ -104,21 +104,18 @@ def prepare(
         if added:
             raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} cannot hold",
                              "name parameters that the model has (`parts`), or export it as model.toml")
-        models = [model] if of_matrices else _at_every_turn(path, model, parameters, sensors)
-        return _prepare_matrices(path, models, own, _places(path, model, sensors))
+        if not of_matrices and is_subdyn(path) and turns_nacelle(path):
+            others = [load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle)
+                      for angle in TURNS_DEG]
+            model = replace(others[0], turned=tuple((one.stiffness, one.mass) for one in others[1:]))
+        return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)
     placed = tuple(s.stated(felt) for s in (described_sensors(description) if sensors is None else sensors))
     catalogue = (*turbine_effects(description, sensors=placed), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
-
-    def at(number: int) -> AffineModel:
-        progress("preparing the model", number, len(TURNS_DEG) + 1)
-        return extended_model(path, parameters_of, parameters=parameters, sensors=sensors,
-                              nacelle_angle_deg=TURNS_DEG[number])
-
-    first = at(0)
-    # little of it turns: the rest is held once
-    models = [first, *(at(number).share(first) for number in range(1, len(TURNS_DEG)))]
+    progress("preparing the model", 0, 2)
+    first = extended_model(path, parameters_of, parameters=parameters, sensors=sensors, turns_deg=TURNS_DEG[1:])
+    progress("preparing the model", 1, 2)
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
     moved, of_channels = [], set(first.of_channels)
@@ -132,8 +129,8 @@ def prepare(
         if its.neutral == 1.0:
             # a stiffness may be lost, and what has none left moves by itself
             reach[k, 0] = its.neutral + e.lower
-    small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
-    progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
+    small = small_model(first, n_mode=N_MODE, effects=moved, reach=reach)
+    progress("preparing the model", 2, 2)
     effects = (*parameter_effects(model.parameters), *catalogue)
     return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
                     sensors=placed, description=description)
@@ -185,24 +182,11 @@ def of_channels_tried(
     return with_reversed_gravity(model, [(p.parameter, channels) for p, channels in added]), (*effects, *rows)
 
 
-def _at_every_turn(
-    path: Path, model: AffineModel, parameters: Parameters | None, sensors: Sequence[Sensor] | None
-) -> list[AffineModel]:
-    """The model of a SubDyn file at all TURNS_DEG where its nacelle turns, else as it is."""
-    if not (is_subdyn(path) and turns_nacelle(path)):
-        return [model]
-    return [load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle) for angle in TURNS_DEG]
-
-
-def _prepare_matrices(
-    path: Path, models: Sequence[AffineModel], own: tuple[Effect, ...], sensors: tuple[Sensor, ...]
-) -> Prepared:
-    """models: at all TURNS_DEG where they have a nacelle that turns."""
-    model, n_mode = models[0], min(max(N_MODE, 20), models[0].n_available)
-    tried = [of_channels_tried(path, one, sensors) for one in models]
-    moved, of_channels = tried[0]
+def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]) -> Prepared:
+    n_mode = min(max(N_MODE, 20), model.n_available)
+    moved, of_channels = of_channels_tried(path, model, sensors)
     reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
-    small = small_model([moved, *(one.share(moved) for one, _ in tried[1:])], n_mode=n_mode, effects=(), reach=reach)
+    small = small_model(moved, n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
                     effects=(*parameter_effects(model.parameters), *of_channels, temperature_effect()), own=own,
                     sensors=sensors, description=None)

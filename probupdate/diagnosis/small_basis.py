@@ -14,7 +14,7 @@ from probupdate.errors import ConvergenceError, InputError
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.eigen import lowest_modes, mode_derivatives
+from probupdate.structure.eigen import available_modes, lowest_modes, mode_derivatives
 from probupdate.structure.projected_terms import Expansion, ProjectedTerms, union_pattern
 
 # modes a snapshot holds beyond those looked for: modes may trade places
@@ -56,26 +56,28 @@ def _term_harmonics(terms: Sequence[sparse.csc_array], turn: np.ndarray) -> list
 
 
 def _differ(a: sparse.csc_array, b: sparse.csc_array) -> bool:
+    if a is b:
+        return False
     apart = abs(a - b)
     return bool(apart.nnz) and apart.max() > 1e-12 * abs(a).max()
 
 
 def small_model(
-    models: Sequence[AffineModel], *, n_mode: int, effects: Sequence[int], reach: np.ndarray, seed: int = 0
+    first: AffineModel, *, n_mode: int, effects: Sequence[int], reach: np.ndarray, seed: int = 0
 ) -> SmallModel:
-    """Project `models`, one for each of TURNS_DEG (or a single one that does not turn), on a common basis.
+    """Project a model, with its nacelle as it is and `turned` by the other TURNS_DEG where it turns, on a common basis.
 
     n_mode: the lowest modes that must be right. `effects`: which parameters are effects, drawn one at a time within
     `reach` (n_param, 2); the others are drawn from their prior. They (where there are none, all that the structure
     feels) are in the basis at the ends of their reach too. A basis that misses is enlarged by what it missed. Raises
     ConvergenceError where it stays worse than TOLERANCE.
     """
-    first = models[0]
-    if len(models) not in (1, len(TURNS_DEG)):
-        raise InputError(first.name, f"{len(models)} angles given", f"give 1 or {len(TURNS_DEG)}")
+    if len(first.turned) not in (0, len(TURNS_DEG) - 1):
+        raise InputError(first.name, f"is turned by {len(first.turned)} angles", f"give none or {len(TURNS_DEG) - 1}")
+    sums = [_Sum(first, *terms) for terms in ((first.stiffness, first.mass), *first.turned)]
     rng = np.random.default_rng([seed, 11])
-    # what a model keeps of its sums would be as large as all its terms, and goes with the copy
-    count = min(n_mode + SPARE, replace(first).n_available)
+    available = available_modes(*sums[0].stiffness_and_mass(first.parameters.initial))
+    count = min(n_mode + SPARE, available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), first.of_channels)
     points = _points(first.parameters, felt, effects, reach, rng)
     moved = effects if len(effects) else felt.tolist()
@@ -84,11 +86,11 @@ def small_model(
     check = _points(first.parameters, felt, effects, reach, rng)
     sure = max(1, n_mode - UNSURE)
     # the snapshots, thousands of vectors, go with the call
-    K = _Sum(first).K(first.parameters.initial)
-    energy, directions = energy_directions(_snapshots(models, points, count, n_mode, size), K)
+    K = sums[0].stiffness_and_mass(first.parameters.initial)[0]
+    energy, directions = energy_directions(_snapshots(sums, points, count, n_mode, size, available), K)
     basis, error, wrong = directions[:, :0], np.inf, np.inf
     for _ in range(MOST_ROUNDS):
-        verified = _VerifiedPoints.solve(models, check[rng.permutation(len(check))[:N_VERIFY]],
+        verified = _VerifiedPoints.solve(sums, check[rng.permutation(len(check))[:N_VERIFY]],
                                          _single_effect_points(first.parameters, effects, reach, rng), count, sure)
         # each basis holds the ones before it
         projected = verified.project(directions[:, energy > min(CUTS)])
@@ -96,7 +98,7 @@ def small_model(
             basis = directions[:, energy > cut]
             error, wrong = verified.errors(projected, basis.shape[1])
             if error <= TOLERANCE and wrong <= CHANGE:
-                return replace(_project(models, basis, n_mode), frequency_error=error)
+                return replace(_project(first, basis, n_mode), frequency_error=error)
         # what was missed joins what the basis is made from, and others verify
         seen = energy > 0
         kept = directions[:, seen] * np.sqrt(energy[seen])
@@ -122,11 +124,10 @@ class _VerifiedPoints:
     sure: int
 
     @classmethod
-    def solve(cls, models: Sequence[AffineModel], check, alone, count: int, sure: int) -> _VerifiedPoints:
-        unseen = [_Sum(models[k % len(models)]).stiffness_and_mass(theta) for k, theta in enumerate(check)]
-        one = _Sum(models[0])
-        lonely = [one.stiffness_and_mass(theta) for theta in alone]
-        solved = [_modes(matrices, count, models[0].name) for matrices in (*unseen, *lonely)]
+    def solve(cls, sums: Sequence[_Sum], check, alone, count: int, sure: int) -> _VerifiedPoints:
+        unseen = [sums[k % len(sums)].stiffness_and_mass(theta) for k, theta in enumerate(check)]
+        lonely = [sums[0].stiffness_and_mass(theta) for theta in alone]
+        solved = [_modes(matrices, count, sums[0].model.name) for matrices in (*unseen, *lonely)]
         found = [f[:sure] for f, _ in solved]
         return cls(unseen=unseen, frequency_hz=found[: len(unseen)], alone=lonely,
                    log_frequency=[np.log(f) for f in found[len(unseen) :]], modes=np.hstack([phi for _, phi in solved]),
@@ -154,19 +155,17 @@ class _VerifiedPoints:
 
 
 def _snapshots(
-    models: Sequence[AffineModel], points: np.ndarray, count: int, n_mode: int, size: np.ndarray
+    sums: Sequence[_Sum], points: np.ndarray, count: int, n_mode: int, size: np.ndarray, available: int
 ) -> np.ndarray:
-    """Lowest `count` modes of the models in turn at the points, and of the first two `_change` with steps of this
-    size: (n_dof, n_snapshot). The models' terms on one pattern are held of one model at a time."""
-    n_point, n_change = len(points) * count, n_mode * (1 + len(size))
-    result = np.empty((models[0].n_dof, n_point + n_change * len(models[:2])))
-    for number, model in enumerate(models):
-        one = _Sum(model)
-        for k in range(number, len(points), len(models)):
-            result[:, k * count : (k + 1) * count] = _modes(one.stiffness_and_mass(points[k]), count, model.name)[1]
-        if number < 2:
-            start = n_point + number * n_change
-            result[:, start : start + n_change] = _change(one, model.parameters.initial, n_mode, size)
+    """Lowest `count` modes at the nacelle's angles in turn at the points, and of the first two `_change` with steps of
+    this size: (n_dof, n_snapshot)."""
+    n_point, n_change, model = len(points) * count, n_mode * (1 + len(size)), sums[0].model
+    result = np.empty((model.n_dof, n_point + n_change * len(sums[:2])))
+    for k, point in enumerate(points):
+        matrices = sums[k % len(sums)].stiffness_and_mass(point)
+        result[:, k * count : (k + 1) * count] = _modes(matrices, count, model.name)[1]
+    for start, one in zip((n_point, n_point + n_change), sums[:2], strict=False):
+        result[:, start : start + n_change] = _change(one, model.parameters.initial, n_mode, size, available)
     return result
 
 
@@ -233,14 +232,11 @@ def _frequencies(K: np.ndarray, M: np.ndarray, count: int) -> np.ndarray:
 
 
 class _Sum:
-    """K(theta) and M(theta) of a model with many terms, summed on one pattern."""
+    """K(theta) and M(theta) of a model with many terms at one angle of its nacelle, summed on one pattern."""
 
-    def __init__(self, model: AffineModel):
+    def __init__(self, model: AffineModel, stiffness: Sequence[sparse.csc_array], mass: Sequence[sparse.csc_array]):
         self.model = model
-        self._parts = [union_pattern(terms) for terms in (model.stiffness, model.mass)]
-
-    def K(self, theta: np.ndarray) -> sparse.csc_array:
-        return self._weighted_sum(0, self.model.coefficients(theta)[0])
+        self._parts = [union_pattern(terms) for terms in (stiffness, mass)]
 
     def stiffness_and_mass(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
         cK, cM = self.model.coefficients(theta)
@@ -283,13 +279,13 @@ def _modes(matrices: tuple[sparse.csc_array, sparse.csc_array], count: int, name
     return np.sqrt(value) / (2 * np.pi), phi / np.sqrt(value)
 
 
-def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.ndarray:
+def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray, available: int) -> np.ndarray:
     """The lowest modes and their first-order change when a parameter moves by its `size` (n_param,), of unit energy.
 
     A mode's change towards one that is close is left out, as both are in the basis; the close ones of the last mode may
     go on beyond it, up to the widest gap that follows."""
     K, M = one.stiffness_and_mass(theta)
-    value, phi = lowest_modes(K, M, min(count + BEYOND, replace(one.model).n_available), one.model.name)
+    value, phi = lowest_modes(K, M, min(count + BEYOND, available), one.model.name)
     ratio = value[1:] / value[:-1]
     goes_on = len(value) > count and ratio[count - 1] < CLOSE
     last = count + (int(np.argmax(ratio[count - 1 :])) if goes_on else 0)
@@ -304,23 +300,20 @@ def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.nd
     return np.hstack([phi / np.sqrt(value), change.reshape(len(phi), -1)])
 
 
-def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> SmallModel:
-    first, basis = models[0], frozen_array(basis)
-    turn = np.linalg.inv([angle_harmonics(a) for a in TURNS_DEG])
+def _project(first: AffineModel, basis: np.ndarray, n_mode: int) -> SmallModel:
+    basis, turn = frozen_array(basis), np.linalg.inv([angle_harmonics(a) for a in TURNS_DEG])
 
-    def by_harmonics(kind: str) -> tuple[ProjectedTerms, ...]:
-        terms = getattr(first, kind)
+    def by_harmonics(terms: Sequence[sparse.csc_array], *turned: Sequence[sparse.csc_array]):
         # one that is empty for all that do not turn: the places of a thousand of them are more than all entries
         nothing = sparse.csc_array(terms[0].shape)
-        waves = [list(terms), *([nothing] * len(terms) for _ in models[1:])]
-        for number, term in enumerate(terms):
-            if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
-                for wave, part in zip(waves, _term_harmonics([getattr(m, kind)[number] for m in models], turn),
-                                      strict=True):
+        waves = [list(terms), *([nothing] * len(terms) for _ in turned)]
+        for number, at_all in enumerate(zip(terms, *turned, strict=True)):
+            if any(_differ(at_all[0], other) for other in at_all[1:2]):
+                for wave, part in zip(waves, _term_harmonics(at_all, turn), strict=True):
                     wave[number] = part
         return tuple(ProjectedTerms.of(wave, basis) for wave in waves)
 
-    stiffness, mass = by_harmonics("stiffness"), by_harmonics("mass")
+    stiffness, mass = (by_harmonics(*terms) for terms in zip((first.stiffness, first.mass), *first.turned, strict=True))
     about = Expansion.of_both(first.parameters, first.coefficients, (stiffness[0], mass[0]))
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,

@@ -40,7 +40,8 @@ class AffineModel:
     one below the other: `channel_rows`). `wire_matrix` (3 n_node, n_dof) is the motion of the picture's nodes,
     `wire_turn` their rotation. `derived` holds named scalars of theta, such as pile-head stiffness. `hash_key`
     stands for all that went into the matrices. `places`: where its degrees of freedom are, if known. `uncertainty`:
-    what is not known of the model itself (`model_error`).
+    what is not known of the model itself (`model_error`). `turned`: stiffness and mass terms with the nacelle at other
+    angles, where these were asked for.
     """
 
     name: str
@@ -60,6 +61,7 @@ class AffineModel:
     tilt_matrix: sparse.csr_array | None = None
     gravity: FeltGravity | None = None
     wire_turn: sparse.csr_array | None = None
+    turned: tuple[tuple[tuple[sparse.csc_array, ...], tuple[sparse.csc_array, ...]], ...] = ()
 
     def with_gravity(self, felt: Mapping[str, bool]) -> AffineModel:
         """With what is stated of channels by their names: whether their readings hold gravity."""
@@ -70,15 +72,6 @@ class AffineModel:
             return self
         known = None if self.uncertainty is None else self.uncertainty.with_gravity(felt)
         return replace(self, gravity=stated, uncertainty=known)
-
-    def share(self, other: AffineModel) -> AffineModel:
-        """The same model, with the other's matrices in place of its own where these are equal: in memory once."""
-        def shared(own, others):
-            if len(own) != len(others):
-                return own
-            return tuple(b if _equal_matrices(a, b) else a for a, b in zip(own, others, strict=True))
-
-        return replace(self, stiffness=shared(self.stiffness, other.stiffness), mass=shared(self.mass, other.mass))
 
     @property
     def n_dof(self) -> int:
@@ -233,11 +226,6 @@ class AffineModel:
         if self.parameters.correlation is not None:
             text.append(self.parameters.correlation.tobytes().hex())
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
-
-
-def _equal_matrices(a: sparse.csc_array, b: sparse.csc_array) -> bool:
-    return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part))
-                                  for part in ("data", "indices", "indptr"))
 
 
 def _products(terms: Sequence[sparse.csc_array], phi: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -345,13 +345,15 @@ def _csr(values, rows, columns, shape) -> sparse.csr_array:
 class AssembledFrame:
     """K(theta) = sum_t c_t K_t over the free degrees of freedom, M likewise; `transform` T gives u = T q.
 
-    The first term of each may have the constant coefficient 1. A term's coefficients come from `coefficients`.
+    The first term of each may have the constant coefficient 1. A term's coefficients come from `coefficients`; `keys`
+    say of stiffness and mass what each term varies with.
     """
 
     stiffness: tuple[sparse.csc_array, ...]
     mass: tuple[sparse.csc_array, ...]
     coefficients: Coefficients
     transform: sparse.csr_array
+    keys: tuple[tuple[tuple, ...], tuple[tuple, ...]]
 
 
 def assemble(
@@ -405,25 +407,39 @@ def _assemble(frame: Frame, contributions, transform, updated: tuple[str, ...], 
     fixed = {name: value for name, value in values.items() if name not in updated}
     stiffness, mass = (tuple(_sum_terms(own, transform)) for own in collected)
     return AssembledFrame(stiffness=stiffness, mass=mass, transform=transform[: 6 * len(frame.node_m)],
-                          coefficients=build_coefficients(*collected, tuple(updated), fixed))
+                          coefficients=build_coefficients(*collected, tuple(updated), fixed),
+                          keys=(tuple(collected[0].keys), tuple(collected[1].keys)))
+
+
+def sum_contributions(
+    contributions: Iterable[Contribution], updated: Sequence[str], values: Mapping[str, float], transform
+) -> dict[tuple, sparse.csc_array]:
+    """Terms of these alone, by what each varies with."""
+    collected = _collect(contributions, updated, values)
+    return dict(zip(collected.keys, _sum_terms(collected, transform), strict=True))
+
+
+def loads_of(frame: Frame, gravity_mps2: float | None) -> tuple[Prestress, ...]:
+    """The own weight, unless gravity is None, and the frame's loads."""
+    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
+    return (*own_weight, *frame.prestress)
 
 
 def _add_prestress(
     frame: Frame, values: Mapping[str, float], theory: str, gravity_mps2: float | None
 ) -> list[Contribution]:
-    """All stiffnesses, with the geometric ones under the own weight, unless gravity is None, and the frame's loads."""
-    own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
-    loads = (*own_weight, *frame.prestress)
-    found = list(_stiffness(frame, theory))
+    """All stiffnesses, with the geometric ones under the loads."""
+    loads, found = loads_of(frame, gravity_mps2), list(_stiffness(frame, theory))
     if loads:
         forces = axial_forces(frame, values, theory, loads)
-        found += _geometric_stiffness(frame, forces, [load.coefficient for load in loads])
+        found += geometric_stiffness(frame, forces, [load.coefficient for load in loads])
     return found
 
 
-def _geometric_stiffness(
+def geometric_stiffness(
     frame: Frame, forces: np.ndarray, coefficients: Sequence[Coefficient]
 ) -> Iterator[Contribution]:
+    """Of axial forces (n_beam, n_load) in N, tension positive, under loads with these coefficients."""
     for beam, own in zip(frame.beams, forces, strict=True):
         start, end = frame.node_m[beam.start], frame.node_m[beam.end]
         matrix = beams.geometric_stiffness(float(np.linalg.norm(end - start)))
@@ -441,9 +457,15 @@ def axial_forces(
     Water, growth and buoyancy are left out: submerged steel is weighed as in air, about an eighth too much, while
     the tower and what stands on it, which decide the first modes, have their own weight.
     """
-    transform = transformation(frame)
-    (K,) = _sum_terms(_collect(_stiffness(frame, theory), (), values), transform)
-    force = np.zeros((transform.shape[0], len(loads)))
+    return axial_forces_under(frame, values, theory,
+                              transformation(frame).T @ load_vectors(frame, values, theory, loads))
+
+
+def load_vectors(
+    frame: Frame, values: Mapping[str, float], theory: str, loads: Sequence[Prestress]
+) -> np.ndarray:
+    """(6 n_node + n_released, n_load) forces in N on the nodes."""
+    force = np.zeros((6 * len(frame.node_m) + sum(len(tie.released) for tie in frame.ties), len(loads)))
     for k, load in enumerate(loads):
         if load.node is not None:
             force[6 * load.node : 6 * load.node + 3, k] = load.force_n
@@ -451,7 +473,16 @@ def axial_forces(
             fall = np.tile([0.0, 0.0, -load.gravity_mps2, 0.0, 0.0, 0.0], len(frame.node_m))
             for dofs, matrix, coefficient in _mass(frame, theory, dry=True):
                 force[dofs, k] += float(coefficient.value(values)) * (matrix @ fall[dofs])
-    u = transform @ sparse_linalg.splu(sparse.csc_matrix(K)).solve(transform.T @ force)
+    return force
+
+
+def axial_forces_under(
+    frame: Frame, values: Mapping[str, float], theory: str, loads: np.ndarray
+) -> np.ndarray:
+    """(n_beam, n_load) axial forces under `loads` (n_free, n_load) on the free degrees of freedom."""
+    transform = transformation(frame)
+    (K,) = sum_contributions(_stiffness(frame, theory), (), values, transform).values()
+    u = transform @ sparse_linalg.splu(sparse.csc_matrix(K)).solve(loads)
     forces = []
     for beam in frame.beams:
         span = frame.node_m[beam.end] - frame.node_m[beam.start]

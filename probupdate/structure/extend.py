@@ -99,17 +99,18 @@ def extended_model(
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float | None = None,
+    turns_deg: Sequence[float] = (),
 ) -> AffineModel:
     """The turbine of a model.toml with the effects as parameters behind its own, at the centres of their priors.
 
     `parameters` replaces the updated ones of the file (not the effects); `sensors` and `nacelle_angle_deg` as in
-    `load_model`. The model that `write_extended` writes is this one.
+    `load_model`, `turns_deg` as in `turbine_model`. The model that `write_extended` writes is this one.
     """
     description = extended_description(path, effects)
     if parameters is not None:
         parameters = _append_effects(parameters, description, effects)
     return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg or 0.0)
+                         nacelle_angle_deg=nacelle_angle_deg or 0.0, turns_deg=turns_deg)
 
 
 def _append_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:

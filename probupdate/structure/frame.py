@@ -139,7 +139,8 @@ class Support:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Frame:
-    """A meshed structure. node_m (n_node, 3); `pile_head` the node whose stiffness is that of the pile `pile_part`."""
+    """A meshed structure. node_m (n_node, 3); `pile_head` the node whose stiffness is that of the pile `pile_part`;
+    `nacelle` the nodes, tied to one master, that turn with all on them about the vertical through it."""
 
     node_m: np.ndarray
     beams: tuple[Beam, ...]
@@ -150,6 +151,7 @@ class Frame:
     prestress: tuple[Prestress, ...] = ()
     pile_head: int | None = None
     pile_part: str | None = None
+    nacelle: tuple[int, ...] = ()
 
     @property
     def parts(self) -> tuple[str, ...]:

@@ -33,6 +33,7 @@ from probupdate.structure.readings import FeltGravity
 from probupdate.structure.schema import nearest
 from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
 from probupdate.structure.turbine_frame import build_frame
+from probupdate.structure.turned_nacelle import turned_terms
 
 REFERENCE_STATES = ("design", "as_built", "updated")
 FORMS = (".toml", ".npz", ".dat")
@@ -222,9 +223,11 @@ def turbine_model(
     sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float = 0.0,
     frame: Frame | None = None,
+    turns_deg: Sequence[float] = (),
 ) -> AffineModel:
     """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m. `frame`:
-    `build_frame` of this description and heading, where it has been built already."""
+    `build_frame` of this description and heading, where it has been built already. `turns_deg`: by how much the nacelle
+    looks elsewhere in the model's `turned`."""
     parameters = updated_of(description, where) if parameters is None else parameters
     known = {*description.own_parameters, *(p.name for p in description.effects)}
     values = dict(parameters.held) | {p.name: p.initial for p in parameters}
@@ -238,10 +241,9 @@ def turbine_model(
         # what is built knows its parameters, not the file
         raise InputError(f"{where}: {error.where}", error.problem, error.remedy) from None
     mesh = description.mesh
-    assembled = assemble(
-        frame, updated=parameters.names, values=values, theory=mesh.theory,
-        gravity_mps2=description.gravity_mps2 if mesh.geometric_stiffness else None,
-    )
+    stated = {"updated": parameters.names, "values": values, "theory": mesh.theory,
+              "gravity_mps2": description.gravity_mps2 if mesh.geometric_stiffness else None}
+    assembled = assemble(frame, **stated)
     chosen = tuple(sensors) if sensors is not None else _model_sensors(description)
     rows, moved = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where,
                                _moves(description, parameters, values))
@@ -264,6 +266,7 @@ def turbine_model(
             frame, updated=parameters.names, values=values, theory=mesh.theory),
         moved=tuple(m.project(assembled.transform) for m in moved),
         places=dof_places(frame.node_m, assembled.transform),
+        turned=tuple(turned_terms(frame, assembled, turns_deg, **stated)) if turns_deg else (),
     )
 
 

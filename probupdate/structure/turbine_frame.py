@@ -54,7 +54,7 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     frame = Frame(
         node_m=np.array(mesh.nodes), beams=tuple(mesh.beams), ties=tuple(mesh.ties), bodies=tuple(bodies),
         springs=tuple(springs), supports=held, prestress=prestress(description, mesh.effects, hub, turn[:, 0]),
-        pile_head=head, pile_part=pile,
+        pile_head=head, pile_part=pile, nacelle=tuple(range(number, len(mesh.nodes))),
     )
     check_effects(mesh)
     return frame

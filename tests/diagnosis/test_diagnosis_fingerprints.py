@@ -1,5 +1,7 @@
 """Signatures of parameters and of sensors' effects against differences of whole identified modes, pairs mixed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,7 +102,9 @@ def test_one_basis_serves_every_nacelle_angle(validation):
     path = reference_model("as_built")
     models = [load_model(path, nacelle_angle_deg=a) for a in TURNS_DEG]
     p = models[0].parameters
-    small = small_model(models, n_mode=7, effects=(), reach=np.column_stack([p.lower, p.upper]))
+    turned = tuple((m.stiffness, m.mass) for m in models[1:])
+    small = small_model(replace(models[0], turned=turned), n_mode=7, effects=(),
+                        reach=np.column_stack([p.lower, p.upper]))
     assert small.frequency_error < 1e-3
     # an angle that none of the five is
     exact = load_model(path, nacelle_angle_deg=37.0).solve(p.initial, 5, derivatives=True, clusters=((0, 1), (3, 4)))

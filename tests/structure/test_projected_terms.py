@@ -1,14 +1,17 @@
 """Terms on a basis, held as they are on the full model: against each of them projected, densely."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import sparse
 
 from probupdate.diagnosis.small_basis import energy_directions
+from probupdate.effects.turbine import turbine_effects
 from probupdate.structure import assembly
+from probupdate.structure.description import described_sensors
+from probupdate.structure.description_file import read_description
+from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.projected_terms import ProjectedTerms
 
@@ -55,17 +58,23 @@ def test_sums_and_products_are_those_of_dense_terms(terms, n_added, few, validat
     assert all(a is b for a, b in zip(held.added, added, strict=True))
 
 
-def test_equal_matrices_of_two_models_are_held_once():
-    model = load_model(reference_model("as_built"))
-    own = [t.copy() for t in model.stiffness]
-    own[3] = own[3] * 1.5
-    other = replace(model, stiffness=tuple(own), mass=tuple(t.copy() for t in model.mass))
-    shared = other.share(model)
-    assert all(a is b for a, b in zip(shared.mass, model.mass, strict=True))
-    assert [a is b for a, b in zip(shared.stiffness, model.stiffness, strict=True)].count(False) == 1
-    theta = model.parameters.initial
-    for a, b in zip(shared.matrices(theta), other.matrices(theta), strict=True):
-        assert (a != b).nnz == 0
+def test_terms_of_a_turned_nacelle_are_those_assembled_there(validation):
+    """Rotor and nacelle with effects of mass, inertia, centre, a swinging mass, thrust and weight on them."""
+    row = validation(what="stiffness and mass terms of a turbine with every effect, nacelle turned by 144 and 250 degrees",
+                     reference="the turbine assembled with its nacelle there", why="rounding of axial forces")
+    path = reference_model("as_built")
+    description = read_description(path)
+    effects = [e.adds for e in turbine_effects(description, sensors=described_sensors(description)) if e.adds]
+    turns = 144.0, 250.0
+    model = extended_model(path, effects, turns_deg=turns)
+    for angle, turned in zip(turns, model.turned, strict=True):
+        there = extended_model(path, effects, nacelle_angle_deg=angle)
+        moved = 0
+        for still, own, exact in zip((model.stiffness, model.mass), turned, (there.stiffness, there.mass), strict=True):
+            moved += sum(a is not b for a, b in zip(still, own, strict=True))
+            apart = [abs(a - b).max() / max(abs(b).max(), 1.0) for a, b in zip(own, exact, strict=True)]
+            row.error(np.array(apart), below=1e-12, case=angle)
+        assert 20 < moved < 100
 
 
 def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch, validation):

@@ -48,7 +48,7 @@ def with_arms(n_arm: int) -> AffineModel:
 
 def on_basis(model: AffineModel, n_mode: int):
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
-    return small_basis.small_model([model], n_mode=n_mode, effects=(), reach=reach)
+    return small_basis.small_model(model, n_mode=n_mode, effects=(), reach=reach)
 
 
 def worst(model: AffineModel, small, n_mode: int) -> float:
