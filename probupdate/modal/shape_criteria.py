@@ -37,12 +37,16 @@ def subspace_mac(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
     """
     shape = np.atleast_2d(np.asarray(shape).T).T
     value = np.full(shape.shape[1], np.nan)
-    for j, column in enumerate(shape.T):
-        ok = np.isfinite(column) & np.all(np.isfinite(plane), axis=1)
-        if ok.sum() <= plane.shape[1] or not column[ok].any():
-            continue
-        basis, _ = np.linalg.qr(plane[ok])
-        value[j] = np.linalg.norm(basis.conj().T @ column[ok]) ** 2 / np.linalg.norm(column[ok]) ** 2
+    ok = np.isfinite(shape) & np.all(np.isfinite(plane), axis=1)[:, None]
+    # columns that are measured at the same channels together, but for those that do not move there
+    left = [j for j, column in enumerate(shape.T) if column[ok[:, j]].any()]
+    while left:
+        rows = ok[:, left[0]]
+        own = [j for j in left if np.array_equal(ok[:, j], rows)]
+        left = [j for j in left if j not in own]
+        if rows.sum() > plane.shape[1]:
+            basis, seen = np.linalg.qr(plane[rows])[0], shape[rows][:, own]
+            value[own] = np.sum(np.abs(basis.conj().T @ seen) ** 2, axis=0) / np.sum(np.abs(seen) ** 2, axis=0)
     return value
 
 

@@ -192,7 +192,6 @@ def svg_text(figure: Figure, prefix: str) -> str:
 def _number_ids(svg: str) -> str:
     """Ids that matplotlib makes by hashing coordinates (of clips and markers) counted instead: a layout solved again
     may differ in a coordinate's last bits, which are not written, and would be another id."""
-    found = dict.fromkeys(re.findall(r'\bid="([a-z][0-9a-f]{10})"', svg))
-    for k, name in enumerate(found):
-        svg = re.sub(rf'(?<=["#]){name}(?=[")])', f"n{k}", svg)
-    return svg
+    made = r"[a-z][0-9a-f]{10}"
+    names = {name: f"n{k}" for k, name in enumerate(dict.fromkeys(re.findall(rf'\bid="({made})"', svg)))}
+    return re.sub(rf'(?<=["#]){made}(?=[")])', lambda found: names.get(found[0], found[0]), svg)
