@@ -23,6 +23,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.settings import SamplerSettings
+from probupdate.verbs.estimating import Case
 from probupdate.virtual.effects import hidden_words
 from probupdate.virtual.simulation import n_slots
 
@@ -112,9 +113,11 @@ def demo(
         }, jobs, progress)
         extended, data = _with_findings(diagnosis, model, nine)
         state.updates(extended)
+        finished = state.done("update") and state.done("sample")
+        likelihood = LikelihoodSettings() if finished else stated_likelihood(extended, data, progress)
         steps.side_by_side({
-            "update": (_update, extended, data, files["update"]),
-            "sample": (_sample, extended, data, files["posterior"], seed, runs),
+            "update": (_update, extended, data, files["update"], likelihood),
+            "sample": (_sample, extended, data, files["posterior"], likelihood, seed, runs),
         }, jobs, progress)
         with steps.of("compare", again=True):
             compared = verbs.compare(files["update"], files["posterior"], model=extended)
@@ -193,17 +196,26 @@ def _paper(model: Path, nine: Path, out: Path, progress: Progress = silent) -> s
     return updated.summary
 
 
-def _update(model: Path, modes: Path, out: Path, progress: Progress = silent) -> str:
-    updated = verbs.update(model, modes, progress=progress)
+def stated_likelihood(model: Path, modes: Path, progress: Progress) -> LikelihoodSettings:
+    """With plain numbers for what is not known of the model, the same for update and sampler."""
+    return LikelihoodSettings(weights=Case.of(model, modes, LikelihoodSettings(), progress=progress).weights)
+
+
+def _update(
+    model: Path, modes: Path, out: Path, likelihood: LikelihoodSettings, progress: Progress = silent
+) -> str:
+    updated = verbs.update(model, modes, likelihood=likelihood, progress=progress)
     updated.write(out)
     return updated.summary
 
 
 def _sample(
-    model: Path, modes: Path, out: Path, seed: int, runs: Executor, progress: Progress = silent
+    model: Path, modes: Path, out: Path, likelihood: LikelihoodSettings, seed: int, runs: Executor,
+    progress: Progress = silent,
 ) -> str:
     settings = SamplerSettings(seed=seed, target_ess=TARGET_ESS, ensembles=ENSEMBLES)
-    return verbs.sample(model, modes, out, settings=settings, jobs=runs, progress=progress).summary
+    return verbs.sample(model, modes, out, likelihood=likelihood, settings=settings, jobs=runs,
+                        progress=progress).summary
 
 
 def _diagnose(

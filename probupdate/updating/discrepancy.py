@@ -72,7 +72,9 @@ class LikelihoodSettings:
     def stated_for(
         self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
     ) -> Weights:
-        """As plain numbers, of this set (the reference set where None)."""
+        """As plain numbers, of this set (the reference set where None); weights that have been stated already stay."""
+        if isinstance(self.weights, Weights) and self.weights.at is not None and self.discrepancy is None:
+            return self.weights
         chosen = weights_by_name(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
                                  tolerances=self.tolerances)
         if self.alternatives and not chosen.tolerances:

@@ -276,6 +276,8 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
         monkeypatch.setattr(demonstration.verbs, name, step(name))
     monkeypatch.setattr(demonstration, "report_with_conclusion", lambda run, out, jobs, progress: (Path(out), ["so"]))
     monkeypatch.setattr(demonstration, "read_modes", lambda path: SimpleNamespace(set=lambda: SimpleNamespace(id="a")))
+    monkeypatch.setattr(demonstration, "stated_likelihood",
+                        lambda model, modes, progress: probupdate.LikelihoodSettings())
     out = tmp_path / "demo"
     with pytest.raises(KeyboardInterrupt):
         probupdate.demo(out, seed=3)
