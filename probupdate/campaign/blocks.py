@@ -136,9 +136,9 @@ def _origin(recording: Recording, length: int) -> int:
     return start if held and 2 * on_clock <= held else 0
 
 
-def block_starts(campaign: Campaign, minutes: float | None = None) -> list[pd.Timestamp]:
+def block_starts(campaign: Campaign) -> list[pd.Timestamp]:
     """Starts of the blocks that at least one file touches."""
-    return list(block_files(campaign, minutes))
+    return list(block_files(campaign))
 
 
 def blocks(campaign: Campaign, minutes: float | None = None) -> Iterator[Block]:

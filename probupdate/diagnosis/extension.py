@@ -305,13 +305,13 @@ def _apply_matrix(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.where((np.abs(A) > 1e-12)[:, lost].any(axis=1), np.nan, result)
 
 
-def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
-    """Mean modes of the blocks after every step of `like` (default: of the fit itself) and where the nacelle mostly
-    looked then, without what sensors were found to do; and their number. Standard deviations are those of the mean
-    alone: what the model misses is for the likelihood to state. Covariates are at their mean in the record."""
+def mean_set(problem: DiagnosisProblem, fitted: Fit) -> tuple[ModalSet, int]:
+    """Mean modes of the blocks after every step of the fit and where the nacelle mostly looked then, without what
+    sensors were found to do; and their number. Standard deviations are those of the mean alone: what the model misses
+    is for the likelihood to state. Covariates are at their mean in the record."""
     blocks, design = problem.blocks, fitted.design
     later = np.ones(len(blocks), bool)
-    for n in (like or fitted).included:
+    for n in fitted.included:
         if n.time_profile.kind == "step":
             later &= np.asarray(n.time_profile.value) > 0.5
     centres, bin_of = problem.bins

@@ -168,13 +168,11 @@ def stages(problem: DiagnosisProblem, null: Fit, fitted: Fit) -> list[Fit | None
     return [null, *between, fitted] if fitted.included else [null]
 
 
-def measures(
-    problem: DiagnosisProblem, old: Fit, new: Fit, *, noise: Noise | None = None, n_fold: int | None = None
-) -> dict:
+def measures(problem: DiagnosisProblem, old: Fit, new: Fit, *, noise: Noise | None = None) -> dict:
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
     the larger eigenvalue of its tensor's error), largest over modes and folds of the mean over a fold, and root
     mean square over single blocks; MAC likewise."""
-    n_fold = n_fold or count_folds(len(problem.blocks), new.included)
+    n_fold = count_folds(len(problem.blocks), new.included)
     first = replace(old.design, noise=noise or old.design.noise)
     found = contest((first, old.centred), (new.design, new.centred), n_fold=n_fold)
     result = {

@@ -63,7 +63,7 @@ def _differ(a: sparse.csc_array, b: sparse.csc_array) -> bool:
 
 
 def small_model(
-    first: AffineModel, *, n_mode: int, effects: Sequence[int], reach: np.ndarray, seed: int = 0
+    first: AffineModel, *, n_mode: int, effects: Sequence[int], reach: np.ndarray
 ) -> SmallModel:
     """Project a model, with its nacelle as it is and `turned` by the other TURNS_DEG where it turns, on a common basis.
 
@@ -75,7 +75,7 @@ def small_model(
     if len(first.turned) not in (0, len(TURNS_DEG) - 1):
         raise InputError(first.name, f"is turned by {len(first.turned)} angles", f"give none or {len(TURNS_DEG) - 1}")
     sums = [_Sum(first, *terms) for terms in ((first.stiffness, first.mass), *first.turned)]
-    rng = np.random.default_rng([seed, 11])
+    rng = np.random.default_rng([0, 11])
     available = available_modes(*sums[0].stiffness_and_mass(first.parameters.initial))
     count = min(n_mode + SPARE, available)
     felt = np.setdiff1d(np.arange(len(first.parameters)), first.of_channels)

@@ -58,15 +58,10 @@ class NothingBelow(Exception):
     """A tower that stands on the ground, or on several places."""
 
 
-def turbine_substructure(d: Description) -> Substructure:
-    """Of a turbine at its parameters' values: everything but the tower above its foot, with the soil, the water's added
-    mass and the member forces that the whole turbine's weight makes. The foot's flange is in it. `joints` count the
-    nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
-    return turbine_substructures(d, ())({})
-
-
 def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[[Mapping[str, float]], Substructure]:
-    """`turbine_substructure` as a function of the values of `updated` parameters."""
+    """Of a turbine, as a function of the values of `updated` parameters: everything but the tower above its foot, with
+    the soil, the water's added mass and the member forces that the whole turbine's weight makes. The foot's flange is
+    in it. `joints` count the nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
     frame, where = build_frame(d), d.name
     above, foot = split(frame, where)
     gravity = d.gravity_mps2 if d.mesh.geometric_stiffness else None

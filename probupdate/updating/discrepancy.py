@@ -69,10 +69,8 @@ class LikelihoodSettings:
         """Whether the covariance of all modes together is asked for."""
         return self.weights.covariance if isinstance(self.weights, Weights) else self.weights == "covariance"
 
-    def stated_for(
-        self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
-    ) -> Weights:
-        """As plain numbers, of this set (the reference set where None); weights that have been stated already stay."""
+    def stated_for(self, model: Model, data: ModalData, *, progress: Progress = silent) -> Weights:
+        """As plain numbers, of the reference set; weights that have been stated already stay."""
         if isinstance(self.weights, Weights) and self.weights.at is not None and self.discrepancy is None:
             return self.weights
         chosen = weights_by_name(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
@@ -87,7 +85,7 @@ class LikelihoodSettings:
         if discrepancy is None:
             own = isinstance(self.weights, str) and self.weights in ("measured", "covariance")
             discrepancy = "auto" if own else 0.0
-        return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
+        return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, progress=progress)
 
 
 def expected_misfit(problem: Problem, laplace: Laplace) -> float:

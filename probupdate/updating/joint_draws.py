@@ -84,14 +84,3 @@ def draw_linear(
         parts.append((z, e, d, tau, std))
     return LinearDraws(**{name: np.concatenate([part[k] for part in parts])
                           for k, name in enumerate(("z", "e", "d", "tau", "std"))})
-
-
-def draw_joint(
-    system: FarmSystem, scales: Scales, chain: ScaleChain, middle: np.ndarray, *, shared: Sequence[int],
-    n: int = N_DRAW, seed: int = 1,
-) -> JointDraws:
-    """n draws of the linear-Gaussian posterior. middle (n_param,): u about which the system is; shared: numbers of z's
-    parameters."""
-    drawn = draw_linear(system, scales, chain, n=n, seed=seed)
-    return JointDraws(z=drawn.z + middle[list(shared)], e=drawn.e, tau=drawn.tau, u=middle + drawn.d,
-                      log_weight=np.zeros(n))

@@ -30,7 +30,6 @@ _STEPS = {
     "verbs.models": ("model_modes", "model_path", "open_model"),
     "verbs.program_matrices": ("matrices",),
     "verbs.records": ("check_setups", "convert"),
-    "verbs.sought": ("modes_of_interest",),
     "verbs.templates": ("template",),
     "virtual.simulation": ("simulate",),
 }

@@ -57,20 +57,11 @@ class Sought:
                 f"{highest:.4g} Hz, which most blocks show"]
 
 
-def modes_of_interest(
-    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, ...] = TURBINE
-) -> ReferenceModes:
-    """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
-    whatever they are."""
-    found = reference_modes(model, sensors, lowest, families).modes
-    assert found is not None  # a model has modes
-    return found
-
-
 def reference_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, ...] = TURBINE
 ) -> Sought:
-    """Raises InputError where the model has fewer than `lowest`, or no global mode at the sensors."""
+    """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
+    whatever they are. Raises InputError where the model has fewer than `lowest`, or no global mode at the sensors."""
     if lowest is not None and lowest > model.n_available:
         raise InputError(model.name, f"{lowest} modes are to be looked for (--lowest), it has {model.n_available}",
                          f"ask for at most {model.n_available}")

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from scipy import linalg
 
-from probupdate.updating.joint_draws import draw_joint, weighted_quantile
+from probupdate.updating.joint_draws import JointDraws, draw_linear, weighted_quantile
 from probupdate.updating.joint_odd import SURE, odd_turbines
 from probupdate.updating.joint_scales import Scales, sample_scales
 from probupdate.updating.joint_system import FarmSystem, Layout, Roles
@@ -141,7 +141,8 @@ def one_farm(n: int, seed: int, curved: bool) -> dict:
     found = odd_turbines(system, SCALES, WIDTH, seed=seed)
     system = system.with_wide(found.wide(WIDTH))
     chain = sample_scales(SCALES, system, SCALES.maximum(system), seed=seed)
-    draws = draw_joint(system, SCALES, chain, np.zeros(6), shared=SHARED, seed=seed, n=1000)
+    drawn = draw_linear(system, SCALES, chain, seed=seed, n=1000)
+    draws = JointDraws(z=drawn.z, e=drawn.e, tau=drawn.tau, u=drawn.d, log_weight=np.zeros(1000))
     weight, _ = draws.weighed()
     hits = {}
     for kind, values, truth in (

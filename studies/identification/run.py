@@ -26,7 +26,8 @@ from probupdate.identification.identify import Identification
 from probupdate.identification.preprocessing import resample
 from probupdate.identification.reference import turn_reference
 from probupdate.identification.ssi import factorise, output_covariances, poles
-from probupdate.verbs import modes_of_interest, open_model
+from probupdate.verbs import open_model
+from probupdate.verbs.sought import reference_modes
 from probupdate.virtual.truth import read_truth_modes
 
 ORDERS, BLOCK_ROWS, RATE_HZ = (20, *(n for n in range(12, 37, 2) if n != 20)), 30, 5.0
@@ -160,7 +161,7 @@ def main() -> None:
     probupdate.simulate(folder, model=a.state, days=a.days, seed=a.seed, truth=given)
     identification = probupdate.identify(folder, a.model, store=a.out / "blocks")
     campaign, truth = read_campaign(folder), read_truth_modes(folder / "truth.toml")
-    reference = modes_of_interest(open_model(a.model, None, campaign.sensors), campaign.sensors)
+    reference = reference_modes(open_model(a.model, None, campaign.sensors), campaign.sensors).modes
     removed = with_harmonics_removed(campaign, identification, reference)
     rows = rows_of(campaign, identification, truth, removed)
     table = summed(rows)

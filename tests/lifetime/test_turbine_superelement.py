@@ -11,7 +11,7 @@ from probupdate.lifetime.superelement import frequencies, read_extptfm, reduce_m
 from probupdate.structure.assembly import assemble, supporting_matrices
 from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model
-from probupdate.structure.substructure import turbine_substructure
+from probupdate.structure.substructure import turbine_substructures
 from probupdate.structure.turbine_frame import build_frame
 from tests.lifetime.test_export import posterior
 from tests.lifetime.test_fatigue_export import toml
@@ -31,7 +31,7 @@ def test_a_turbines_superelement_with_its_tower_is_the_turbine(scour, validation
     K, M = (sum(terms).toarray() for terms in (whole.stiffness, whole.mass))
     expected = np.sqrt(1 / eigh(M, K, eigvals_only=True)[::-1][:6]) / (2 * np.pi)
     # the tower by what is left of the whole, on the degrees of freedom of its own nodes and its foot
-    below = turbine_substructure(d)
+    below = turbine_substructures(d, ())({})
     kept = np.isin(np.arange(len(frame.node_m)) + 1, below.joints)
     own = supporting_matrices(frame, d.values, kept, theory=d.mesh.theory, gravity_mps2=gravity)
     columns = np.array([np.flatnonzero(abs(whole.transform[:, [c]]).toarray().ravel() > 0)[0]
@@ -74,8 +74,8 @@ def test_the_export_of_a_turbine_has_superelements_of_every_draw(tmp_path):
     assert all((done.folder / "models" / k / "substructure.dat").is_file() for k in ("001", "002"))
     for k in (1, 2):
         read = read_extptfm(done.folder / "superelements" / f"{k:03d}.cb.dat")
-        own = reduce_model(turbine_substructure(read_description(done.folder / "models" / f"{k:03d}" / "model.toml")),
-                           n_mode=6)
+        drawn = read_description(done.folder / "models" / f"{k:03d}" / "model.toml")
+        own = reduce_model(turbine_substructures(drawn, ())({}), n_mode=6)
         np.testing.assert_allclose(frequencies(read["Stiffness"], read["Mass"])[:6], own.frequency_hz, rtol=1e-6)
     # the draws differ in the jacket's stiffness, and so do they
     guyan = [read_extptfm(done.folder / "superelements" / f"00{k}.guyan.dat")["Stiffness"][0, 0] for k in (1, 2)]

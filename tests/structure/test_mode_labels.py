@@ -17,7 +17,7 @@ from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import model_sensors, reference_model, turbine_model
 from probupdate.structure.mode_labels import dof_places, mode_labels
 from probupdate.structure.parameter_table import read_toml
-from probupdate.verbs.sought import modes_of_interest, reference_modes
+from probupdate.verbs.sought import reference_modes
 
 STEEL = {"youngs_modulus_pa": 2.1e11, "poisson_ratio": 0.3, "density_kgpm3": 7850.0}
 # mass, inertia about its centre: a rotor with its nacelle
@@ -170,4 +170,4 @@ def sensors_of_a_tower():
 
 def test_modes_of_interest_are_those_of_the_reference():
     model = with_sensors(("TP", "tower bottom", "tower 2/3", "tower top"))
-    assert modes_of_interest(model, model_sensors_of(model)).labels == ("FA1", "SS1", "T1", "FA2", "SS2")
+    assert reference_modes(model, model_sensors_of(model)).modes.labels == ("FA1", "SS1", "T1", "FA2", "SS2")
