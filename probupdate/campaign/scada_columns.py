@@ -4,7 +4,6 @@ cannot be what its name says is not used, and the sentence says what it may be a
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +32,9 @@ USUAL_TIP_SPEED = 75.0
 RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
 # power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
 LEAST_SHARE, MOST_SHARE = 0.02, 1.6
-# wind (m/s) in which a turbine gives a fifth to four fifths of its rated power
-PARTIAL_WIND = (4.5, 12.5)
+# least wind (m/s) of rated power, of 200 to 600 W/m2 of rotor and power coefficients of 0.38 to 0.47
+RATED_WIND = (8.5, 14.0)
+WIND_UNITS = {"knots": 0.514444, "miles an hour": 0.44704, "km/h": 1 / 3.6}
 # pitch (degrees) of blades that are feathered
 FEATHERED = (60.0, 95.0)
 # fewest rows of which something is said
@@ -251,22 +251,23 @@ def _rotor_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
 
 
 def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
-    """The wind in which the turbine gives a part of its power."""
+    """The wind of rated power, by the cube of the wind from rows at a part of it. Curtailed rows have too much wind for
+    their power, and where rated power is not known the highest is too little: neither makes the least wind too high."""
     power, wind = _column(table, "power_kw"), _column(table, "wind_speed_mps")
-    if rated is None or not np.isfinite(power).any():
-        return []
+    full = rated or (float(np.nanmax(power)) if np.isfinite(power).any() else np.nan)
     with np.errstate(invalid="ignore"):
-        at = (power > 0.2 * rated) & (power < 0.8 * rated) & np.isfinite(wind)
+        at = (power > 0.2 * full) & (power < 0.8 * full) & np.isfinite(wind)
     if at.sum() < 2 * FEW:
         return []
-    middle = float(np.median(wind[at]))
-    if PARTIAL_WIND[0] <= middle <= PARTIAL_WIND[1]:
+    of_rated = wind[at] / np.cbrt(power[at] / full)
+    least, middle = np.quantile(of_rated, [0.1, 0.5])
+    if least <= RATED_WIND[1] and (middle >= RATED_WIND[0] or not rated):
         return []
-    units: Mapping[str, float] = {"knots": 0.514444, "km/h": 1 / 3.6}
-    fits = [(name, f) for name, f in units.items() if 6.0 <= f * middle <= 11.5]
-    text = (f"wind_speed_mps in SCADA is {middle:.3g} where the turbine gives a part of its power, which "
-            f"{PARTIAL_WIND[0]:g} to {PARTIAL_WIND[1]:g} m/s do: ")
-    return [("wind_speed_mps", text + (f"is it in {fits[0][0]}? {_factor_remedy('wind_speed_mps', fits[0][1])}" if fits
+    text = (f"wind_speed_mps in SCADA is {np.median(wind[at]):.3g} where the turbine gives a part of its power, and would "
+            f"be {middle:.3g} at rated power, which {RATED_WIND[0]:g} to {RATED_WIND[1]:g} m/s give: ")
+    fits = [(name, f) for name, f in WIND_UNITS.items() if RATED_WIND[0] <= f * middle <= RATED_WIND[1]]
+    remedy = "; ".join(_factor_remedy("wind_speed_mps", f) + (f" for {name}" if len(fits) > 1 else "") for name, f in fits)
+    return [("wind_speed_mps", text + (f"is it in {' or '.join(n for n, _ in fits)}? {remedy}" if fits
                                        else "another unit?"))]
 
 

@@ -99,12 +99,26 @@ def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path):
     assert "power_kw" not in found and "MW" in found.attrs["notes"][0]
 
 
-def test_wind_in_knots_is_said(tmp_path):
+def power_curve(wind, at_rated):
+    return RATED * np.clip((wind / at_rated) ** 3, 0, 1)
+
+
+@pytest.mark.parametrize("rated", [RATED, None])
+@pytest.mark.parametrize("at_rated", [9.5, 12.0, 13.0])
+@pytest.mark.parametrize(("unit", "metres"), [("knots", 0.514444), ("miles an hour", 0.44704), ("km/h", 1 / 3.6)])
+def test_wind_in_another_unit_is_said_with_it(tmp_path, unit, metres, at_rated, rated):
     wind = np.linspace(3, 14, N)
-    power = RATED * np.clip((wind / 12) ** 3, 0, 1)
-    assert not read(tmp_path, scada(wind_speed_mps=wind, power_kw=power, rotor_speed_rpm=12.0)).attrs["notes"]
-    found = read(tmp_path, scada(wind_speed_mps=1.94384 * wind, power_kw=power, rotor_speed_rpm=12.0))
-    assert "is it in knots" in found.attrs["notes"][0] and "wind_speed_mps" not in found
+    table = scada(wind_speed_mps=wind, power_kw=power_curve(wind, at_rated), rotor_speed_rpm=12.0)
+    assert not read(tmp_path, table, rated=rated).attrs["notes"]
+    found = read(tmp_path, table.assign(wind_speed_mps=wind / metres), rated=rated)
+    (sentence,) = found.attrs["notes"]
+    assert unit in sentence and f"{metres:.6g}" in sentence and "wind_speed_mps" not in found
+
+
+def test_a_curtailed_turbine_has_no_other_wind(tmp_path):
+    wind = np.linspace(3, 20, N)
+    curtailed = np.minimum(power_curve(wind, 12.0), 0.4 * RATED)
+    assert not read(tmp_path, scada(wind_speed_mps=wind, power_kw=curtailed, rotor_speed_rpm=12.0)).attrs["notes"]
 
 
 def test_an_angle_averaged_across_north_is_missing(tmp_path):
