@@ -212,7 +212,6 @@ def without_uncertain(
     place = {one.block.start: k for k, one in enumerate(first.usable)}
     by_hand = {} if first.hand is None else {s: first.picked[s] for s in first.hand.picked if s in first.picked}
     blocks.fill_factors(chosen_keys(by_hand), jobs=jobs, progress=progress)
-    known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
     ruled_out: defaultdict[pd.Timestamp, set[int]] = defaultdict(set)
     todo, again = {start: stands for start, stands in first.picked.items() if start not in by_hand}, {}
     while todo:
@@ -220,30 +219,29 @@ def without_uncertain(
         blocks.fill_factors(wanted, jobs=jobs, progress=progress)
         before, todo = todo, {}
         for start in wanted:
-            kept, found = blocks.read_factors(start), {}
+            kept, one = blocks.read_factors(start), first.usable[place[start]]
+            mode = {pole: k for k, pole in enumerate(before[start].choice.pole)}
+            beyond = set()
             for key, pole in before[start].keys.items():
                 row = kept.key.index(key)
-                found[pole] = (float(np.linalg.norm(kept.poles.factors.ln_frequency[row])),
-                               float(np.linalg.norm(kept.poles.factors.damping_ratio[row])))
-            if not np.all(np.isfinite(list(found.values()))):
-                raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: standard deviations of its poles are not "
-                                      "finite; please report it, with the block's record")
-            # a pole's may become larger where one beside it, which it was fitted to the spectra with, is gone
-            beyond = {pole for pole, (f, zeta) in found.items()
-                      if f > settings.frequency_std or zeta > settings.damping_std}
+                std = [float(np.linalg.norm(f[row])) for f in (
+                    kept.poles.factors.ln_frequency, kept.poles.factors.damping_ratio)]
+                if not np.all(np.isfinite(std)):
+                    raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: standard deviations of its poles are not "
+                                          "finite; please report it, with the block's record")
+                # a pole's may become larger where one beside it, which it was fitted to the spectra with, is gone
+                if rules.is_uncertain(before[start].frequency_hz[mode[pole]], before[start].damping_ratio[mode[pole]],
+                                      *std, 60 * one.block.minutes, settings):
+                    beyond.add(pole)
             if not beyond:
                 continue
             if beyond <= ruled_out[start]:
                 raise ProbupdateError(f"block {start:%Y-%m-%dT%H:%M:%SZ}: poles with too large standard deviations are "
                                       "chosen again and again; please report it, with the block's record")
-            known[start] = known.get(start, {}) | found
             ruled_out[start] |= beyond
-            judged = first.judge(first.usable[place[start]])
-            std = np.full((2, len(judged.poles.poles.order)), np.nan)
-            std[:, list(known[start])] = np.array(list(known[start].values())).T
+            judged = first.judge(one)
             verdict = rules.block_criteria(judged.poles.poles, judged.poles.comparison, judged.poles.reference,
-                                           settings,
-                                           ln_frequency_std=std[0], damping_std=std[1])
+                                           settings, uncertain=sorted(ruled_out[start]))
             poles = replace(judged.poles, verdict=verdict)
             judged = replace(judged, poles=poles if first.hand is None else first.hand.drop_rejected(start, poles))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)

@@ -44,6 +44,8 @@ STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
     CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,
 )
 TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
+# times the Cramer-Rao bound that a mode's frequency scatters at most
+STEADY = 4.0
 RANGE_MARGIN = CONSTANTS.range_margin
 
 
@@ -234,13 +236,13 @@ def paper_criteria(poles: PoleStack, found: PoleComparison, bands: np.ndarray,
 
 def block_criteria(
     poles: PoleStack, found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings, *,
-    ln_frequency_std: np.ndarray | None = None, damping_std: np.ndarray | None = None,
+    uncertain: Sequence[int] = (),
 ) -> np.ndarray:
     """(n_pole,) what can be said of a pole from its own block: 'mac', 'damping', 'frequency', 'complexity',
     'uncertain', 'kept'.
 
-    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign decides. Standard
-    deviations (n_pole,), NaN where not known, remove poles that stand for nothing in particular.
+    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign decides. uncertain: numbers
+    of the poles that `is_uncertain`.
     """
     group = found.group
     paired = np.array([len(g) > 1 for g in reference.groups])[group]
@@ -253,14 +255,25 @@ def block_criteria(
         elsewhere = away[np.arange(len(group)), group] > RANGE_MARGIN
     verdict = np.full(len(group), KEPT, dtype=object)
     # asked in this order: the first that fails gives its name, so the last written is the first asked
-    for std, limit in ((ln_frequency_std, settings.frequency_std), (damping_std, settings.damping_std)):
-        if std is not None:
-            verdict[np.nan_to_num(np.asarray(std, float), nan=0.0) > limit] = UNCERTAIN
+    verdict[list(uncertain)] = UNCERTAIN
     verdict[~paired & (found.mpc < settings.collinearity)] = COMPLEXITY
     verdict[elsewhere] = FREQUENCY
     verdict[(poles.damping_ratio <= settings.damping[0]) | (poles.damping_ratio >= settings.damping[1])] = DAMPING
     verdict[~(similar >= np.where(paired, settings.plane_mac, min(settings.mac, settings.weak_mac)))] = SHAPE
     return verdict
+
+
+def frequency_bound(damping: float, frequency_hz: float, seconds: float) -> float:
+    """Cramer-Rao bound of the standard deviation of ln f, of a mode under white forces without noise."""
+    return float(np.sqrt(damping / (4 * np.pi * frequency_hz * seconds)))
+
+
+def is_uncertain(frequency_hz: float, damping: float, ln_frequency_std: float, damping_std: float, seconds: float,
+                 settings: ClassifierSettings) -> bool:
+    """Whether a pole stands for nothing in particular: beyond the settings' limits, or its frequency is not known to
+    half of its own peak's width, which a record of so many seconds would tell of a mode."""
+    own = max(damping, STEADY * frequency_bound(damping, frequency_hz, seconds))
+    return ln_frequency_std > min(settings.frequency_std, own) or damping_std > settings.damping_std
 
 
 def is_trusted(found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:

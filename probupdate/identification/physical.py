@@ -21,7 +21,13 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from probupdate.errors import InputError
-from probupdate.identification.classification import ClassifierSettings, PoleStack, is_within
+from probupdate.identification.classification import (
+    STEADY,
+    ClassifierSettings,
+    PoleStack,
+    frequency_bound,
+    is_within,
+)
 from probupdate.identification.reference import ReferenceModes, heading_of_motion, shapes_along_axes
 from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import Sensor, mac, rotate_to_real, subspace_mac
@@ -34,8 +40,6 @@ LARGEST_SPREAD = CONSTANTS.largest_spread
 LARGEST_JUMP = CONSTANTS.largest_jump
 # damping ratio of a line: welded steel without soil, water or cladding has five times as much
 OF_A_LINE = 2e-4
-# times the Cramer-Rao bound that a mode's frequency scatters at most
-STEADY = 4.0
 # MAC from which two directions of so few channels are one: by chance in one of 15 to 40
 ALIKE_OF_FEW = {1: 1.1, 2: 0.99, 3: 0.95}
 SAME_MODE, DOUBLE = CONSTANTS.same_mode, CONSTANTS.double
@@ -419,8 +423,7 @@ def stays(steps: np.ndarray, frequency_hz: float, damping: float, block_seconds:
     if len(steps) < 4:
         return True
     scatter = 1.4826 * np.median(np.abs(steps)) / np.sqrt(2)
-    bound = np.sqrt(damping / (4 * np.pi * frequency_hz * block_seconds))
-    return bool(scatter <= max(LARGEST_JUMP, STEADY * bound))
+    return bool(scatter <= max(LARGEST_JUMP, STEADY * frequency_bound(damping, frequency_hz, block_seconds)))
 
 
 def _is_of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | None) -> bool:
@@ -499,7 +502,7 @@ def _strays(c: Candidates, one: _Cluster, heavy: _Cluster, block_seconds: float)
     own, other = ({int(c.block[k]): c.ln_frequency[k] for k in x.rows[np.argsort(c.share[x.rows], kind="stable")]}
                   for x in (one, heavy))
     away = np.array([own[k] - other[k] for k in sorted(own.keys() & other.keys())])
-    bound = np.sqrt(sum(x.damping / (4 * np.pi * np.exp(x.ln_frequency) * block_seconds) for x in (one, heavy)))
+    bound = np.hypot(*(frequency_bound(x.damping, np.exp(x.ln_frequency), block_seconds) for x in (one, heavy)))
     # from block to block: a mode that moves slowly, or once, stays one
     return len(away) > 1 and bool(1.4826 * np.median(np.abs(np.diff(away))) > np.sqrt(2) * STEADY * bound)
 

@@ -384,6 +384,12 @@ def test_a_reference_wrong_in_some_setups_is_found_and_measured(tmp_path, seed, 
     assert one.std < 0.1 * abs(one.size) and "campaign.toml" in one.message
 
 
+def test_a_gain_that_all_references_share_in_one_setup_is_told_by_a_rigid_part(tmp_path):
+    paths = roving(tmp_path, 7921, lambda k: {"ref-x": 1.4, "ref-y": 1.4} if k == 1 else {})
+    said = " ".join(f.message for f in probupdate.check_setups(paths).findings)
+    assert "all references of that setup by 1.4" in said or "all references of that setup by 1.39" in said, said
+
+
 def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
     paths = roving(tmp_path, 7921, lambda k: {"ref-x": -2.0, "ref-y": -2.0})
     (one,) = probupdate.check_setups(paths).findings
@@ -391,8 +397,9 @@ def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
     assert "scale and direction are wrong" in one.message
     # rovers of the lower storey share nothing rigid with the references
     lower = probupdate.check_setups(paths[3:])
-    assert lower.findings == () and any("ref-x, ref-y that is wrong in all setups alike cannot be found" in u
-                                        for u in lower.uses)
+    assert lower.findings == () and any(
+        "ref-x, ref-y that is wrong in all setups alike, or common to all references in one, cannot be found" in u
+        for u in lower.uses)
 
 
 @pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")

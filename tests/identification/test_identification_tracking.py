@@ -179,9 +179,8 @@ def test_of_the_orders_the_most_central_stands_for_the_mode(jacket, reference):
 
 def test_uncertain_poles_are_out_where_deviations_are_known(jacket, reference):
     judged, own = block(0, jacket, reference, strays=0)
-    std = np.full(len(judged.poles.order), np.nan)
-    std[np.abs(judged.poles.frequency_hz / own[2] - 1) < 0.01] = 0.2
-    verdict = rules.block_criteria(judged.poles, judged.comparison, reference, SETTINGS, ln_frequency_std=std)
+    third = np.flatnonzero(np.abs(judged.poles.frequency_hz / own[2] - 1) < 0.01)
+    verdict = rules.block_criteria(judged.poles, judged.comparison, reference, SETTINGS, uncertain=third)
     assert (verdict == rules.UNCERTAIN).sum() == len(ORDERS) and (verdict == rules.KEPT).sum() == 4 * len(ORDERS)
     choice = tracking.track([replace(judged, verdict=verdict)], SETTINGS).choices[0]
     assert choice.pole[2] == -1 and (choice.pole[[0, 1, 3, 4]] >= 0).all()
