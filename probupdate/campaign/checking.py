@@ -18,6 +18,7 @@ from probupdate.campaign.findings import (
     channel_findings,
     clock_findings,
     mounting_findings,
+    phase_findings,
     rate_findings,
     runaway_clocks,
     scale_findings,
@@ -274,6 +275,7 @@ def _findings(
     clocks, clock_use = clock_findings(compared, campaign.channels)
     rates, rate_use = rate_findings(campaign, ratio)
     single += mounting_findings(compared, single)
+    single += phase_findings(compared, campaign.channels, single)
     measured, able = sensor_findings(campaign, compared, sways, single)
     # what is late by seconds has no gain against the others
     away = runaway_clocks(compared, campaign.channels)

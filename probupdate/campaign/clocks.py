@@ -38,7 +38,8 @@ MOTION_STD_S = {True: 0.0005, False: 0.003}
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Delays:
     """delay_s (n_channel,) how late each channel is against the median of those it can be compared with, NaN where
-    none; std_s (n_channel,) what coherence and similarity of motion leave open; group (n_channel,) number of the set of
+    none; std_s (n_channel,) what coherence and similarity of motion leave open, infinite where a channel moves with
+    compared ones and its phase against them is no clock's; group (n_channel,) number of the set of
     channels that are compared with one another, -1 for none."""
 
     delay_s: np.ndarray
@@ -53,10 +54,13 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
     for low, high in () if avoid_hz is None else avoid_hz:
         kept &= (frequency < low) | (frequency > high)
     pairs = [(i, j) for i in range(n) for j in range(i) if _comparable(sensors[i], sensors[j])]
-    matrix, value, weight = [], [], []
+    matrix, value, weight, bent = [], [], [], []
     for i, j in pairs:
         found = _pair_delay(spectra, i, j, kept)
         if found is None:
+            continue
+        if np.isinf(found[1]):
+            bent += [(i, j), (j, i)]
             continue
         row = np.zeros(n)
         row[i], row[j] = 1.0, -1.0
@@ -75,6 +79,7 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
         delay[members] = answer - np.median(answer)
         std[members] = np.sqrt(np.diag(inverse))
         group[members] = number
+    std[[i for i, j in bent if group[i] < 0 <= group[j]]] = np.inf
     return Delays(delay_s=frozen_array(delay), std_s=frozen_array(std), group=frozen_array(group, int))
 
 
@@ -141,8 +146,8 @@ def _comparable(a: Sensor, b: Sensor) -> bool:
 
 
 def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tuple[float, float] | None:
-    """(delay of i after j, its standard deviation) in s; None where the two are not coherent over a range of
-    frequencies."""
+    """(delay of i after j, its standard deviation) in s, infinite where no clock makes their phases; None where the two
+    are not coherent over a range of frequencies."""
     g, frequency = spectra.density, spectra.frequency_hz
     cross, coherence = g[:, j, i], spectra.coherence([i, j])[:, 0, 1]
     # chance is coherent too: with n segments by 1 / n
@@ -172,7 +177,7 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     chance = len(f) / (2 * spectra.n_segment * mine.sum())
     if abs(at_zero) > max(BENT, SIGMA * np.sqrt(left * inverse[0, 0])) or (
             mine @ phase**2 / mine.sum() > BENT**2 + SIGMA * chance):
-        return None
+        return delay, np.inf
     lever = float(mine @ f**2)
     return delay, np.sqrt(float(mine @ phase**2) / (max(len(f) / 2, 1) * lever)) / (2 * np.pi)
 

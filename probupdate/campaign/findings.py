@@ -335,10 +335,20 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
     followed = [e for e, name in zip(error, channels, strict=True) if np.isfinite(e) and name not in away]
     resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * max(followed, default=0.0))
     apart = [name for name, c in zip(channels, centre, strict=True) if not np.isfinite(c)]
-    named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a filter of its own)"
+    named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a phase of its own)"
              if 2 * len(apart) < len(channels) and apart else "")
     return found, (f"clocks of {len(channels) - len(apart)} of {len(channels)} channels compared{named}; differences "
                    f"from {resolved:.1f} ms show")
+
+
+def phase_findings(compared: Sequence[ComparedBlock], channels: Sequence[str], mentioned: Sequence[str]) -> list[str]:
+    """Sentences on channels whose phase against the others is no clock's in more than half of the blocks, but those
+    that a sentence of `mentioned` names."""
+    bent = np.mean([np.isinf(b.delay_std_s) for b in compared], axis=0) > 0.5 if compared else ()
+    return [f"suspect: {name} moves with the channels of its direction, yet no clock makes its phase against them: a "
+            "filter or a mount of its own; take the filter's part out or leave the channel out"
+            for name, own in zip(channels, bent, strict=bool(compared)) if own and not any(
+                name in sentence for sentence in mentioned)]
 
 
 def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:

@@ -263,10 +263,11 @@ def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]
     least, middle = np.quantile(of_rated, [0.1, 0.5])
     if least <= RATED_WIND[1] and (middle >= RATED_WIND[0] or not rated):
         return []
-    text = (f"wind_speed_mps in SCADA is {np.median(wind[at]):.3g} where the turbine gives a part of its power, and would "
-            f"be {middle:.3g} at rated power, which {RATED_WIND[0]:g} to {RATED_WIND[1]:g} m/s give: ")
+    text = (f"wind_speed_mps in SCADA is {np.median(wind[at]):.3g} where the turbine gives a part of its power, and "
+            f"would be {middle:.3g} at rated power, which {RATED_WIND[0]:g} to {RATED_WIND[1]:g} m/s give: ")
     fits = [(name, f) for name, f in WIND_UNITS.items() if RATED_WIND[0] <= f * middle <= RATED_WIND[1]]
-    remedy = "; ".join(_factor_remedy("wind_speed_mps", f) + (f" for {name}" if len(fits) > 1 else "") for name, f in fits)
+    remedy = "; ".join(_factor_remedy("wind_speed_mps", f) + (f" for {name}" if len(fits) > 1 else "")
+                       for name, f in fits)
     return [("wind_speed_mps", text + (f"is it in {' or '.join(n for n, _ in fits)}? {remedy}" if fits
                                        else "another unit?"))]
 

@@ -241,8 +241,8 @@ def block_criteria(
     """(n_pole,) what can be said of a pole from its own block: 'mac', 'damping', 'frequency', 'complexity',
     'uncertain', 'kept'.
 
-    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign decides. uncertain: numbers
-    of the poles that `is_uncertain`.
+    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign decides. uncertain:
+    numbers of the poles that `is_uncertain`.
     """
     group = found.group
     paired = np.array([len(g) > 1 for g in reference.groups])[group]

@@ -83,6 +83,17 @@ def test_check_reports_clocks_and_no_sign_or_gain(campaign_folder, storeys, ppm,
         assert float(text.split("is ")[1].split(" +-")[0]) == pytest.approx(expected, abs=20 if ppm else 2)
 
 
+@pytest.mark.parametrize("filter_of", [((1, 0.3), "high"), ((2, 0.4), "high"), ((1, 0.8), "low")])
+def test_a_filter_of_one_channel_is_named_and_no_clock(campaign_folder, storeys, filter_of):
+    (order, corner), kind = filter_of
+    record, time = storeys
+    data = record(0.0 * time)
+    data[:, 1] = signal.lfilter(*signal.butter(order, corner, kind, fs=10.0), data[:, 1])
+    folder = campaign_folder([(0, data)], head=HEAD)
+    said = [t for t in check(read_campaign(folder)).findings if "F2 moves" in t or "clock of" in t]
+    assert len(said) == 1 and "a filter or a mount of its own" in said[0]
+
+
 def test_a_channel_that_no_block_could_compare_is_named_and_not_blamed():
     some = [replace(b, delay_s=np.r_[b.delay_s[:-1], np.nan], drift=np.r_[b.drift[:-1], np.nan]) for b in blocks(0.0)]
     channels = [f"c{k}" for k in range(len(some[0].delay_s))]
