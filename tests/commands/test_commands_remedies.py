@@ -128,6 +128,12 @@ def renamed(folder: Path, text: str) -> None:
     path.write_text(path.read_text().replace(f'= "{wrong}"', f'= "{near}"'))
 
 
+def untimed(folder: Path, text: str) -> None:
+    path = folder / "camp" / "convert.toml"
+    path.write_text("".join(x for x in path.read_text().splitlines(keepends=True) if not x.startswith("time")))
+    stated(path, text)
+
+
 RECORDS = {
     "zone": (record(table(csv), TIMED), "its time zone is not stated", into("convert.toml")),
     "start": (record(table(seconds), UTC.replace("iso", "s")), "counts from the beginning", into("convert.toml")),
@@ -143,6 +149,8 @@ RECORDS = {
                                                         ))), UTC), "is not a time",
                     by(lambda f, text: stated(f / "camp/convert.toml", "time_format = " + re.search(
                         r'time_format, such as ("[^"]*")', text)[1]))),
+    "time of day": (record(table(lambda t: csv(t.assign(time=pd.to_datetime(t.time).dt.strftime("%H:%M:%S.%f")))),
+                           UTC + 'time_format = "%H:%M:%S.%f"\n'), "without its date", by(untimed)),
     "column": (record(table(lambda t: csv(t.rename(columns={"T90-x": "T90_x"}))), UTC), "there is no column 'T90-x'",
                by(renamed)),
     "orientation": (record(lambda raw: np.save(raw / "a.npy", samples().T), NUMBERED), "samples of 1200 channels",
