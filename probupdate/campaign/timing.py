@@ -173,8 +173,8 @@ class Clock:
             raise InputError(where, f"row {row} has no time", "drop it or give its time")
         moment = self._to_utc(index, where)
         if moment[0] < FIRST_S * 1e9:
-            raise InputError(where, f"row {self.first_row + 1} is of {index[0]:%Y}, when nothing was recorded: a time of "
-                             "day without its date?",
+            raise InputError(where, f"row {self.first_row + 1} is of {index[0]:%Y}, when nothing was recorded: a time "
+                             "of day without its date?",
                              "write the date into the same column, or leave time out and state start or start_pattern, "
                              'such as start = "2024-05-01T00:00:00Z"')
         return moment

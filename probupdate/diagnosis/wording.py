@@ -226,8 +226,8 @@ def verdict_words(content: Mapping) -> str:
         out = ("levels do not move as those of a rigid, symmetric structure, which no one sensor explains and a sound "
                "structure may do" if content["details"].get("constant_shapes_unexplained") else
                "what stands out is within them, or no cause is more probable than chance")
-        return (f"Nothing was found beyond tolerances, though chance alone seldom differs as much ({p}): {out} (see the "
-                "notes); effects below the minimum detectable sizes would not be seen.")
+        return (f"Nothing was found beyond tolerances, though chance alone seldom differs as much ({p}): {out} (see "
+                "the notes); effects below the minimum detectable sizes would not be seen.")
     if verdict == "none":
         return (f"Nothing was found beyond tolerances and chance ({p}); effects below the minimum detectable sizes "
                 "would not be seen.")

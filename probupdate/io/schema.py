@@ -186,7 +186,7 @@ def _mistake(errors: list, known: list[str], where: str) -> InputError:
     if len({e["type"] for e in same}) > 1:
         return InputError(where, f"{shown} has the wrong type", "; or ".join(
             dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")
-    if kind == "list_type" and isinstance(value, Mapping):
+    if kind in ("list_type", "tuple_type") and isinstance(value, Mapping):
         return InputError(where, "is one table where a list of them belongs", f"write [[{key}]] before each")
     problem, remedy = WORDS.get(kind, (_words(first), "give another one"))
     return InputError(where, f"{shown} {problem}", remedy)

@@ -12,7 +12,16 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from command_cases import PLACES, campaign_text, matrices, modes_table, write_building, write_campaign
+from command_cases import (
+    PLACES,
+    TRUTH,
+    campaign_text,
+    matrices,
+    modes_table,
+    true_modes,
+    write_building,
+    write_campaign,
+)
 
 from probupdate.cli import main
 
@@ -383,6 +392,93 @@ RECORDS |= {
     "line of the units": (record(table(with_units), UTC), "is a unit", into("convert.toml")),
 }
 MODELS |= {"groups that are not there": (without_groups, "no such file", without("--parameters"))}
+def corrected(file: str) -> Callable:
+    """Follow 'did you mean ...?' of a name that the error quotes."""
+    def change(folder: Path, text: str) -> None:
+        wrong, near = re.search(r"'([^']*)' is not a channel", text)[1], re.search(r"did you mean '([^']*)'", text)[1]
+        path = folder / file
+        path.write_text(path.read_text().replace(wrong, near))
+    return by(change)
+
+
+def described_anew(folder: Path) -> list[str]:
+    words = record(table(csv), UTC)(folder)
+    assert main(words) == 0
+    with (folder / "camp" / "convert.toml").open("r+") as file:
+        text = file.read()
+        file.seek(0)
+        file.write("fill_seconds = 5\n" + text)
+    return words
+
+
+def forgotten(folder: Path, text: str) -> None:
+    """What came of a source and its entry, as the error names them, deleted."""
+    found = re.search(r"delete what came of it \((.*?) \.\.\.\) and its entry in (\S+),", text)
+    for name in found[1].split(", "):
+        (folder / "camp" / "acceleration" / name).unlink()
+    entries = json.loads(Path(found[2]).read_text())
+    left = {k: v for k, v in entries.items() if k != "files"} | {"files": {}} if "files" in entries else {}
+    Path(found[2]).write_text(json.dumps(left))
+
+
+def poles(unit: str, damping: float) -> Callable:
+    """Poles of three modes in eight blocks; the command that makes a modes.json of them."""
+    def arrange(folder: Path) -> list[str]:
+        rng, (frequency, shape) = np.random.default_rng(2), TRUE_MODES
+        rows = [(f"b{k}", f * (1 + 0.002 * rng.standard_normal()), damping * (1 + 0.1 * rng.standard_normal()), *s)
+                for k in range(8) for f, s in zip(frequency[:3], shape.T[:3], strict=True)]
+        names = [f"c{k}" for k in range(len(shape))]
+        pd.DataFrame(rows, columns=["block", "f", "xi", *names]).to_csv(folder / "p.csv", index=False)
+        (folder / "camp").mkdir()
+        (folder / "camp" / "poles.toml").write_text(
+            f'frequency = "f"\nfrequency_unit = "Hz"\ndamping = "xi"\n{unit}block = "block"\nblock_minutes = 10.0\n'
+            + "[channels]\n" + "".join(f'{c} = "{c}"\n' for c in names))
+        return ["convert", str(folder / "p.csv"), str(folder / "modes.json"), "--to", "modes", "--description",
+                str(folder / "camp" / "poles.toml")]
+    return arrange
+
+
+def one_channel(camp: Path) -> None:
+    (camp / "campaign.toml").write_text("[sensor]".join((camp / "campaign.toml").read_text().split("[[sensor]]")[:2]))
+    for path in (camp / "acceleration").glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            kept, told = file["data"][:, :1], dict(file["data"].attrs)
+            del file["data"]
+            file.create_dataset("data", data=kept).attrs.update(told)
+
+
+TRUE_MODES = true_modes(TRUTH)
+ROWS_A_CHANNEL = 'files = "*.csv"\nstart = "2026-06-01T00:00:00Z"\n[columns]\n' + "".join(
+    f'"{c}" = {k + 1}\n' for k, c in enumerate(PLACES))
+RECORDS |= {
+    "times in another unit": (record(table(lambda t: csv(t.assign(time=100.0 * np.arange(len(t))))), UTC.replace(
+        "iso", "s") + 'start = "2026-06-01T00:00:00Z"\n'), "rows come every 100 s", into("convert.toml")),
+    "a channel's name": (record(table(csv), UTC + "[columns]\n" + "".join(
+        f'"{c.replace("T90-", "T90")}" = "{c}"\n' for c in PLACES)), "is not a channel of campaign.toml",
+        corrected("camp/convert.toml")),
+    "a description that changed": (described_anew, "description changed after it was converted", by(forgotten)),
+    "poles in per cent": (poles('damping_unit = "ratio"\n', 1.0), "median damping ratio", into("poles.toml")),
+    "poles as shares": (poles('damping_unit = "%"\n', 0.01), "median damping ratio", into("poles.toml")),
+}
+MODELS |= {
+    "a set's channels without shapes": (building("update", *UPDATE[2:], "--shapes", "none", modes=sets_without(
+        "shape_re", "shape_std")), "'shape_re' is missing", by(lambda f, _: (f / "modes.json").write_text(json.dumps(
+            sets_without("shape_re", "shape_std") | {"channels": []})))),
+    "damping in per cent": (building("update", *UPDATE, modes=modes_table() | {"sets": [
+        s | {"damping_ratio": [1.0] * 4} for s in modes_table()["sets"]]}), "is not a plausible damping ratio",
+        by(lambda f, _: (f / "modes.json").write_text(json.dumps(modes_table())))),
+}
+CAMPAIGNS |= {
+    "blocks of no length": (
+        campaign("check", spoil=changed("campaign.toml", "block_minutes = 10", "block_minutes = 0.001")),
+        "are fewer than", by(lambda f, text: changed(
+            "campaign.toml", "= 0.001", "= " + re.search(r"give at least ([\d.]+) minutes", text)[1])(f / "camp"))),
+    "a unit of another quantity": (
+        campaign("check", spoil=changed("campaign.toml", 'unit = "m/s2"', 'unit = "m/s"')), "is none of acceleration",
+        by(lambda f, text: changed("campaign.toml", '"m/s"', f'"{re.search(r"use ([^,]+),", text)[1]}"')(f / "camp"))),
+    "one table of a list": (campaign("check", spoil=one_channel), r"\[\[sensor\]\]",
+        by(lambda f, text: changed("campaign.toml", "[sensor]", re.search(r"write (\S+) be", text)[1])(f / "camp"))),
+}
 CASES = RECORDS | MODELS | LOOKS | CAMPAIGNS
 
 
