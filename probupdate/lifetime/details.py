@@ -208,11 +208,10 @@ def girth(frame: Frame, tapers: Mapping[str, Sequence[Station]], part: str, z_m:
         raise InputError(where, f"part '{part}' is not in the model", nearest(part, frame.parts))
     gap, number, end = min(ends)
     b = frame.beams[number]
-    if gap > REACH_M or b.springs is not None:
+    if gap > REACH_M:
         level = float(frame.node_m[b.start if end == 0 else b.end][2])
-        problem = f"{z_m:g} m is no element's end, the nearest is at {level:.6g} m" if b.springs is None else \
-            "is a pile in soil: its elements' end forces hold the soil's reaction, the steel's are not computed"
-        raise InputError(where, problem, "choose the level of an element's end, of a member above the soil")
+        raise InputError(where, f"{z_m:g} m is no element's end, the nearest is at {level:.6g} m",
+                         "choose the level of an element's end")
     start, stop = frame.node_m[b.start], frame.node_m[b.end]
     along = (stop - start) / np.linalg.norm(stop - start)
     upward = along if along[2] >= 0 else -along

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 
 import probupdate
 from probupdate.lifetime.conditions import Conditions
@@ -53,6 +54,47 @@ def test_slow_thrust_bends_a_tapered_pile_as_a_lever(described, elements, valida
     validation(what="stress at a monopile's mudline, at its next station and in the tower under slow thrust",
                reference="force times arm by hand, over the weld's own section modulus",
                why="a frequency above zero").error(bending(whole) / expected - 1, below=1e-5)
+
+
+def test_below_the_mudline_steel_bends_as_a_beam_in_its_soil(described, validation):
+    """Most under slow thrust some metres down: soil at the end of an element is in the element's end forces."""
+    levels = [-34.5, -39.0, -48.0, -57.0, -66.0]
+    raw = copy.deepcopy(CONDITIONS) | {"direction": [{"heading_deg": 0.0, "share": 1.0}]}
+    del raw["joint"]
+    raw["girth"] = [{"part": "monopile", "z_m": z, "factor": 1.0, "curve": "T"} for z in levels]
+    mesh = described.mesh.model_copy(update={"geometric_stiffness": False, "theory": "bernoulli-euler",
+                                             "elements_per_member": described.mesh.elements_per_member | {"pile": 30}})
+    own = described.model_copy(update={"mesh": mesh})
+    found = bending(fatigue_model(own, "monopile", Conditions.model_validate(raw)))
+    soil, depth_m, diameter = described.soil, 45.0, 10.0
+
+    def wall(depth):
+        return 0.060 - 0.005 * depth / depth_m
+
+    def per_metre(depth):
+        strength = soil.undrained_shear_strength_pa
+        strength = strength.at_mudline + strength.gradient_per_m * depth
+        wedge = 3 * strength + soil.submerged_unit_weight_npm3 * depth + soil.matlock_j * strength * depth / diameter
+        # the first point of API's p-y curve, 0.23 p_u at 0.1 y_c
+        return 2.3 * diameter * np.minimum(wedge, 9 * strength) / (2.5 * soil.strain_50 * diameter)
+
+    def rigidity(depth):
+        return described.steel.youngs_modulus_pa * 0.5 * diameter * section_modulus(diameter, wall(depth))
+
+    def bent(x, y):
+        """Deflection, slope, moment and shear force over the pile's length, of a moment of one at the mudline."""
+        depth, head = depth_m * x, rigidity(0.0)
+        return np.array([y[1], y[2] * head / rigidity(depth), y[3], -per_metre(depth) * depth_m**4 / head * y[0]])
+
+    arm, x = HUB_M + 30, np.linspace(0, 1, 200)
+    own = solve_bvp(bent, lambda top, tip: np.array([top[2] - 1, top[3] - depth_m / arm, tip[2], tip[3]]), x,
+                    np.zeros((4, len(x))), tol=1e-8)
+    assert own.success
+    depth = -30.0 - np.array(levels)
+    expected = 1e-6 * arm * np.abs(own.sol(depth / depth_m)[2]) / section_modulus(diameter, wall(depth))
+    validation(what="stress in a monopile 4 to 36 m below the mudline under slow thrust",
+               reference="own beam in API's clay as a boundary value problem (scipy)",
+               why="walls of elements are those of their middle").error(found / expected - 1, below=5e-3)
 
 
 def test_the_weight_adds_its_moment_where_it_softens(described, validation):
