@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import referenced_files
@@ -21,7 +22,9 @@ from probupdate.lifetime.substructure_file import NAME, differences, write_subst
 from probupdate.lifetime.superelement import READ_BACK
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.progress import Progress
+from probupdate.structure.assembly import Softening, transformation
 from probupdate.structure.description_file import read_description as read_turbine
+from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.extend import EffectParameter, extended_description, extended_model, parameter_text
 from probupdate.structure.frame import Frame
 from probupdate.structure.load import load_model, matrices_file
@@ -34,8 +37,6 @@ from probupdate.structure.substructure import NothingBelow
 from probupdate.structure.turbine_frame import build_frame
 from probupdate.updating.problem import Problem
 
-# of frequencies: what the weight's softening by a draw's own masses may differ from that by the initial ones
-SOFTENED = 5e-3
 # a SubDyn file at a draw; a name of its own, as the user's file may lie beside it
 AT_DRAW = "subdyn_at_draw.dat"
 
@@ -105,6 +106,31 @@ class DrawnModels:
             return None
         return build_frame(extended_description(self.path, self.effects))
 
+    @cached_property
+    def _softening(self) -> tuple[Softening, dict[str, float], np.ndarray] | None:
+        """What a turbine's weight makes of its stiffness, initial values, and the member forces of these, which the run
+        has; None where it makes nothing."""
+        if self.frame is None:
+            return None
+        description = extended_description(self.path, self.effects)
+        values = description.values | dict(self.model.parameters.held) | {
+            p.name: p.initial for p in self.model.parameters}
+        found = Softening.of(
+            self.frame, transformation(self.frame)[: 6 * len(self.frame.node_m)], np.ones(len(self.frame.node_m), bool),
+            updated=tuple(self.model.parameters.names), values=values, theory=description.mesh.theory,
+            gravity_mps2=description.gravity_mps2 if description.mesh.geometric_stiffness else None)
+        return None if found is None else (found, values, found.forces(values))
+
+    def softened_hz(self, k: int, n: int) -> np.ndarray:
+        """(n,) frequencies at a draw whose own values make the weight's softening."""
+        if self._softening is None:
+            return self.model.solve(self.theta[k], n).frequency_hz
+        softening, values, forces = self._softening
+        K, M = self.model.matrices(self.theta[k])
+        drawn = values | dict(zip(self.model.parameters.names, self.theta[k], strict=True))
+        K = sparse.csc_array(K + softening.matrix(softening.forces(drawn) - forces, drawn))
+        return np.sqrt(lowest_modes(K, M, n, self.model.name)[0]) / (2 * np.pi)
+
 
 def _value(effect: EffectParameter, change: np.ndarray) -> np.ndarray:
     """Of an effect's parameter for changes (n,): of a factor they are its logarithm's, as several factors of one soil
@@ -116,7 +142,7 @@ def write_models(files, drawn: DrawnModels, left_out: list[str], progress: Progr
     """models/NNN, read back: SubDyn files and the first draw's TOML are solved again, the others' TOML is held against
     the run's, as it differs by initial values only; returns the modes of every draw."""
     n = min(10, drawn.model.n_available)
-    solved, own, limit = [], 0.0, SOFTENED if _has_gravity_softening(drawn.path) else READ_BACK
+    solved, own = [], 0.0
     for k, theta in enumerate(drawn.theta):
         progress("writing models", k, len(drawn.theta))
         folder = files.folder / "models" / f"{k + 1:03d}"
@@ -124,28 +150,23 @@ def write_models(files, drawn: DrawnModels, left_out: list[str], progress: Progr
         solved.append(drawn.model.solve(theta, n))
         expected = solved[-1].frequency_hz
         written = _model_files(folder, drawn, k, files.status.remark, left_out if k == 0 else None)
+        # the run has the weight's softening by the initial values
+        own_weight = drawn.softened_hz(k, n)
+        own = max(own, float(np.max(np.abs(own_weight / expected - 1))))
         for entry, opened in written.items():
             if not isinstance(opened, bool):
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
-                error = float(np.max(np.abs(found / expected - 1)))
-                own = max(own, error)
-                if not error < limit:
+                error = float(np.max(np.abs(found / own_weight - 1)))
+                if not error < READ_BACK:
                     raise InputError(str(folder / entry),
                                      f"what was read back has frequencies that differ by {error:.1e}",
                                      "report this: the model was not written as it is")
-            files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=limit if opened else None)
+            files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=READ_BACK if opened else None)
     progress("writing models", len(drawn.theta), len(drawn.theta))
     if own > READ_BACK:
         left_out.append("models/*: that their own masses change the weight's softening (mesh.geometric_stiffness) is "
                         f"in them and not in the run: frequencies differ by up to {own:.1e}")
     return solved
-
-
-def _has_gravity_softening(path: Path) -> bool:
-    """Whether a turbine's weight softens it, which the run has of the initial masses and each draw of its own."""
-    if path.suffix != ".toml" or not isinstance(mesh := read_toml(path).get("mesh"), dict):
-        return False
-    return bool(mesh.get("geometric_stiffness"))
 
 
 def _model_files(
@@ -236,7 +257,7 @@ def _toml_model(
     if read_toml(target) != _with_values(raw, values, tolerances):
         raise InputError(str(target), "what was read back differs from the run's model by more than initial values",
                          "report this: the model was not written as it is")
-    return written | {"model.toml": load_model(target) if first or _has_gravity_softening(path) else True}
+    return written | {"model.toml": load_model(target) if first else True}
 
 
 def _with_values(raw: Mapping, values: Mapping[str, float], tolerances: Sequence[dict]) -> dict:

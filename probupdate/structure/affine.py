@@ -100,8 +100,8 @@ class AffineModel:
         return sparse.csc_array(self._sums[0](cK)), sparse.csc_array(self._sums[1](cM))
 
     @cached_property
-    def _sums(self) -> tuple[_WeightedSum, _WeightedSum]:
-        return _WeightedSum.of(self.stiffness), _WeightedSum.of(self.mass)
+    def _sums(self) -> tuple[WeightedSum, WeightedSum]:
+        return WeightedSum.of(self.stiffness), WeightedSum.of(self.mass)
 
     @property
     def of_channels(self) -> tuple[int, ...]:
@@ -259,7 +259,7 @@ class _Recent:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _WeightedSum:
+class WeightedSum:
     """weight (n_term,) -> sum of weight times constant matrices, an array where it is solved as one (`eigen`): all
     their entries in one list, as hundreds of sparse additions cost more. Entry k of the list belongs to term[k] and to
     place slot[k] of the joint pattern."""
@@ -271,7 +271,7 @@ class _WeightedSum:
     indptr: np.ndarray
 
     @classmethod
-    def of(cls, matrices) -> _WeightedSum:
+    def of(cls, matrices) -> WeightedSum:
         n = matrices[0].shape[0]
         parts = [sparse.coo_array(matrix) for matrix in matrices]
         place = np.concatenate([part.col.astype(np.int64) * n + part.row for part in parts])

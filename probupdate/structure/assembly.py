@@ -15,6 +15,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
 from probupdate.structure import beam as beams
+from probupdate.structure.affine import WeightedSum
 from probupdate.structure.coefficient import (
     Coefficient,
     Coefficients,
@@ -482,12 +483,97 @@ def axial_forces_under(
     """(n_beam, n_load) axial forces under `loads` (n_free, n_load) on the free degrees of freedom."""
     transform = transformation(frame)
     (K,) = sum_contributions(_stiffness(frame, theory), (), values, transform).values()
-    u = transform @ sparse_linalg.splu(sparse.csc_matrix(K)).solve(loads)
-    forces = []
+    return _forces_of_motions(frame, values, transform @ sparse_linalg.splu(sparse.csc_matrix(K)).solve(loads))
+
+
+def _forces_of_motions(frame: Frame, values: Mapping[str, float], u: np.ndarray) -> np.ndarray:
+    """(n_beam, n) axial forces of nodes that are moved by u (6 n_node and more, n)."""
+    forces, area = [], {}
     for beam in frame.beams:
         span = frame.node_m[beam.end] - frame.node_m[beam.start]
         length = np.linalg.norm(span)
         elongation = (span / length) @ (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3])
         modulus = beam.youngs_modulus_pa * float((beam.stiffness * beam.axial).value(values))
-        forces.append(modulus * float(beam.tube.area(values)) * elongation / length)
+        if id(beam.tube) not in area:
+            area[id(beam.tube)] = float(beam.tube.area(values))
+        forces.append(modulus * area[id(beam.tube)] * elongation / length)
     return np.array(forces)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AxialForces:
+    """`axial_forces` as a function of all parameters' values by name: what depends on `updated` ones is assembled in
+    terms once. weight (n_free, n_term) under 1 m/s2, applied (n_free, n_load) at nodes."""
+
+    frame: Frame
+    loads: tuple[Prestress, ...]
+    coefficients: Coefficients
+    stiffness: WeightedSum
+    weight: np.ndarray
+    applied: np.ndarray
+    transform: sparse.csr_array
+
+    @classmethod
+    def of(
+        cls, frame: Frame, loads: Sequence[Prestress], *, updated: tuple[str, ...], values: Mapping[str, float],
+        theory: str,
+    ) -> AxialForces:
+        transform = transformation(frame)
+        stiffness, mass = _collect(_stiffness(frame, theory), updated, values), TermCollector(updated, values)
+        fall = np.tile([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], len(frame.node_m))
+        for dofs, matrix, coefficient in _mass(frame, theory, dry=True):
+            mass.add(coefficient, lambda number, d=dofs, f=matrix @ fall[dofs]: (d, number * f))
+        weight, applied = (np.zeros((transform.shape[0], n)) for n in (len(mass.keys), len(loads)))
+        for k, entries in enumerate(mass.keys.values()):
+            for dofs, force in entries:
+                np.add.at(weight[:, k], dofs, force)
+        for k, load in enumerate(loads):
+            if load.node is not None:
+                applied[6 * load.node : 6 * load.node + 3, k] = load.force_n
+        fixed = {name: value for name, value in values.items() if name not in updated}
+        return cls(
+            frame=frame, loads=tuple(loads), coefficients=build_coefficients(stiffness, mass, updated, fixed),
+            stiffness=WeightedSum.of(_sum_terms(stiffness, transform)), weight=transform.T @ weight,
+            applied=transform.T @ applied, transform=transform)
+
+    def __call__(self, values: Mapping[str, float]) -> np.ndarray:
+        of_stiffness, of_mass = self.coefficients(np.array([values[name] for name in self.coefficients.names], float))
+        gravity = np.array([load.gravity_mps2 for load in self.loads])
+        force = self.applied + (self.weight @ of_mass)[:, None] * gravity
+        K = sparse.csc_matrix(self.stiffness(of_stiffness))
+        return _forces_of_motions(self.frame, values, self.transform @ sparse_linalg.splu(K).solve(force))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Softening:
+    """Geometric stiffness (n, n) on motions `transform` (6 n_node, n), of the beams between the nodes `kept` (n_node,),
+    as a function of all parameters' values by name."""
+
+    forces: AxialForces
+    beams: np.ndarray
+    geometric: WeightedSum
+
+    @classmethod
+    def of(
+        cls, frame: Frame, transform: sparse.csr_array, kept: np.ndarray, *, updated: tuple[str, ...],
+        values: Mapping[str, float], theory: str, gravity_mps2: float | None,
+    ) -> Softening | None:
+        """None where no load softens it."""
+        loads = loads_of(frame, gravity_mps2)
+        if not loads:
+            return None
+        inside = {k: None for k, beam in enumerate(frame.beams) if kept[beam.start] and kept[beam.end]}
+        tension = geometric_stiffness(frame, np.ones((len(frame.beams), 1)), [Coefficient()])
+        terms = [[(dofs, matrix)] for k, (dofs, matrix, _) in enumerate(tension) if k in inside]
+        matrices = [matrix for first in range(0, len(terms), TERMS_AT_ONCE)
+                    for matrix in _transform_terms(terms[first : first + TERMS_AT_ONCE], transform)]
+        return cls(forces=AxialForces.of(frame, loads, updated=updated, values=values, theory=theory),
+                   beams=np.array(list(inside)), geometric=WeightedSum.of(matrices))
+
+    def __call__(self, values: Mapping[str, float]) -> sparse.csc_array:
+        return self.matrix(self.forces(values), values)
+
+    def matrix(self, forces: np.ndarray, values: Mapping[str, float]) -> sparse.csc_array:
+        """Of axial forces (n_beam, n_load) whose loads have their coefficients at these values."""
+        share = np.array([float(load.coefficient.value(values)) for load in self.forces.loads])
+        return sparse.csc_array(self.geometric(forces[self.beams] @ share))

@@ -10,7 +10,8 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.assembly import AssembledFrame, rigid_motion, supporting_frame, supporting_matrices
+from probupdate.structure.affine import WeightedSum
+from probupdate.structure.assembly import Softening, rigid_motion, supporting_frame, supporting_matrices
 from probupdate.structure.description import Description
 from probupdate.structure.frame import Frame
 from probupdate.structure.subdyn_frame import SubDynFrame
@@ -64,21 +65,18 @@ def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[
     in it. `joints` count the nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
     frame, where = build_frame(d), d.name
     above, foot = split(frame, where)
-    gravity = d.gravity_mps2 if d.mesh.geometric_stiffness else None
-    # member forces under the weight are of all values
-    affine = gravity is None and not frame.prestress
     below = np.flatnonzero(~above)
-
-    def assembled(names: tuple[str, ...], values: Mapping[str, float]) -> AssembledFrame:
-        return supporting_frame(frame, ~above, updated=names, values=values, theory=d.mesh.theory, gravity_mps2=gravity)
-
-    known = assembled(updated, d.values) if affine else None
+    one = supporting_frame(replace(frame, prestress=()), ~above, updated=updated, values=d.values, theory=d.mesh.theory,
+                           gravity_mps2=None)
+    softening = Softening.of(frame, one.transform, ~above, updated=updated, values=d.values, theory=d.mesh.theory,
+                             gravity_mps2=d.gravity_mps2 if d.mesh.geometric_stiffness else None)
+    sums = tuple(WeightedSum.of(terms) for terms in (one.stiffness, one.mass))
 
     def at(values: Mapping[str, float]) -> Substructure:
-        one = assembled((), d.values | values) if known is None else known
-        weights = one.coefficients(np.array([] if known is None else [values[name] for name in updated], float))
-        K, M = (sparse.csc_array(sum(c * X for c, X in zip(cs, Xs, strict=True)))
-                for cs, Xs in zip(weights, (one.stiffness, one.mass), strict=True))
+        weights = one.coefficients(np.array([values[name] for name in updated], float))
+        K, M = (sparse.csc_array(total(c)) for total, c in zip(sums, weights, strict=True))
+        if softening is not None:
+            K = sparse.csc_array(K + softening(d.values | values))
         motion = one.transform
         return Substructure(
             where=where, stiffness=K, mass=M, interface=motion[6 * foot : 6 * foot + 6], rigid=np.eye(6),
