@@ -26,10 +26,10 @@ WARM = 3
 # the least value: signatures are derivatives of the expected modes alone, and where much is left over the residuals
 # from them change a little otherwise
 FLAT, FLAT_SHARE = 0.1, 0.03
-# a step is no longer than so many prior standard deviations at once
+# the first step is no longer than so many prior standard deviations
 LONGEST, HALVINGS = 1.0, 6
 # a step that leads back by this share of its length, and is this much of the last one at least, goes to and fro; by how
-# much more of the next steps is taken where it does not
+# much longer the next steps may be where it does not
 BACK, BACK_AS_FAR, RECOVERS = 0.5, 0.7, 1.25
 # steps that may go uphill
 MOST_LEAPS = 8
@@ -381,7 +381,7 @@ def fitted_without_candidates(
         noise = base.design.noise
         design = design_without_candidates(problem, theta, included, noise, base.design)
     fresh, renewed, leaps, step = base is None, base is not None, 0, np.inf
-    relaxed, way = 1.0, np.zeros(0)
+    reach, way = LONGEST, np.zeros(0)
     for number in range(MOST_STEPS):
         ended = step < SETTLED
         # far from where the fit ends the noise is not what it is there
@@ -403,11 +403,13 @@ def fitted_without_candidates(
         before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
-        relaxed, way = _relax_step(relaxed, way, newton.way(included))
-        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before, relaxed)
+        reach, way = _next_reach(reach, way, newton.way)
+        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before, reach)
         if trial is not None:
             # a step that had to be shortened is not a small one
-            step = _length(problem, design, theta, included, trial) * newton.whole / trial.share
+            step = _length(problem, design, theta, included, trial) / trial.share
+            # farther than the first one only as far as it led down
+            reach = max(min(LONGEST, reach), trial.share * newton.longest)
         elif promised <= max(1.0, FLAT_SHARE * before):
             # the least value along this line
             step = 0.0
@@ -416,7 +418,7 @@ def fitted_without_candidates(
         else:
             # noise and signatures are others farther on: over the hill, as the equations say
             leaps += 1
-            trial = _trial(problem, design, theta, included, newton, newton.whole)
+            trial = _trial(problem, design, theta, included, newton, newton.share(LONGEST))
             step = _length(problem, design, theta, included, trial)
         if step < SETTLED and fresh and renewed:
             short = np.abs(newton.change) if trial is None and promised > 1.0 else np.zeros(len(included))
@@ -450,30 +452,33 @@ def first_steps(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Newton:
     """A Gauss-Newton step: `move` of the updated parameters in their prior's standard deviations `scale` (n_updated,),
-    `change` of the sizes (n_named,), the share of both that is no longer than LONGEST (`whole`), and by how much -2 ln
-    posterior would be lower beyond the bounds (`beyond`)."""
+    `change` of the sizes (n_named,), all of it in prior standard deviations (`way`), and by how much -2 ln posterior
+    would be lower beyond the bounds (`beyond`)."""
 
     move: np.ndarray
     scale: np.ndarray
     change: np.ndarray
-    whole: float
+    way: np.ndarray
     beyond: float
 
-    def way(self, included: Sequence[IncludedEffect]) -> np.ndarray:
-        """The whole step in prior standard deviations."""
-        sizes = [d / n.prior_std for d, n in zip(self.change, included, strict=True)]
-        return self.whole * np.array([*self.move, *sizes])
+    @property
+    def longest(self) -> float:
+        return float(np.max(np.abs(self.way), initial=1e-12))
+
+    def share(self, reach: float) -> float:
+        """Of the step, what is no longer than `reach`."""
+        return min(1.0, reach / self.longest)
 
 
-def _relax_step(share: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
-    """The share of the next step that is taken, after `share` of the last one, and the `way` itself: half of it where
-    that leads back along the way `before` (empty for the first). Of two points each may be better as seen from the
-    other, as what is not known of an effect grows with its size."""
+def _next_reach(reach: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
+    """How long the step along `way` may be, after one along the way `before` (empty for the first) that might be as
+    long as `reach`, all in prior standard deviations; and the way. Half as long as the last where it leads back: of two
+    points each may be better as seen from the other, as what is not known of an effect grows with its size."""
     if not len(before):
-        return share, way
+        return reach, way
     last, length = float(np.linalg.norm(before)), float(np.linalg.norm(way))
     back = length > BACK_AS_FAR * last and before @ way < -BACK * last * length
-    return min(1.0, share * (0.5 if back else RECOVERS)), way
+    return 0.5 * min(reach, float(np.max(np.abs(before)))) if back else reach * RECOVERS, way
 
 
 def _newton(
@@ -493,9 +498,8 @@ def _newton(
         step, beyond = _maximise_within_bounds(step, design.unknowns_cov(design.held(n_own)), lower, upper)
     scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
     move, change[free] = step[:n_own] / scale, step[n_own:]
-    relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
-    longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
-    return _Newton(move=move, scale=scale, change=change, whole=min(1.0, LONGEST / max(longest, 1e-12)), beyond=beyond)
+    sizes = [d / n.prior_std for d, n in zip(change, included, strict=True)]
+    return _Newton(move=move, scale=scale, change=change, way=np.array([*move, *sizes]), beyond=beyond)
 
 
 def _maximise_within_bounds(
@@ -528,11 +532,11 @@ class _Trial:
 
 def _downhill(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
-    newton: _Newton, before: float, relaxed: float = 1.0,
+    newton: _Newton, before: float, reach: float = LONGEST,
 ) -> _Trial | None:
-    """The longest of the halvings of a `relaxed` share of the step that lowers -2 ln posterior from `before`; None
+    """The longest of the halvings of a step no longer than `reach` that lowers -2 ln posterior from `before`; None
     where none does."""
-    for share in relaxed * newton.whole * 0.5 ** np.arange(HALVINGS):
+    for share in newton.share(reach) * 0.5 ** np.arange(HALVINGS):
         trial = _trial(problem, design, theta, included, newton, share)
         if trial.misfit < before:
             return trial
@@ -564,12 +568,8 @@ def _length(
 
 
 def _unsettled_fit(
-    problem: DiagnosisProblem,
-    theta: np.ndarray,
-    included: tuple[IncludedEffect, ...],
-    noise: Noise,
-    here: Sequence[np.ndarray],
-    number: int,
+    problem: DiagnosisProblem, theta: np.ndarray, included: tuple[IncludedEffect, ...], noise: Noise,
+    here: Sequence[np.ndarray], number: int,
 ) -> Fit:
     """The fit where it stopped without having settled."""
     design = design_without_candidates(problem, theta, included, noise)
@@ -587,10 +587,7 @@ def about(
 
 
 def linearise(
-    problem: DiagnosisProblem,
-    theta: np.ndarray,
-    included: Sequence[IncludedEffect],
-    noise: Noise,
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], noise: Noise,
     residuals: Sequence[np.ndarray],
 ) -> tuple[Design, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """The design at theta and the included effects, with residuals from there as far as they count and less what the

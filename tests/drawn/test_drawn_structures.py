@@ -14,8 +14,8 @@ QUICK = [("matrices truss", "null", 0, "silent"), ("subdyn monopile", "null", 0,
          *(pytest.param(f"matrices {kind}", "null", seed, "silent", marks=pytest.mark.long)
            for kind, seed in (("bridge", 0), ("building", 0), ("monopile", 101)))]
 # what ended otherwise before: two of a pair's computed modes were one to the sensors, and information was singular;
-# noise of twelve blocks made a cause of chance
-ENDED = [("turbine monopile", "null", 803, ("silent",)),
+# noise of twelve blocks made a cause of chance; a fit that had far to go ended before it was there
+ENDED = [("turbine monopile", "null", 803, ("silent",)), ("matrices truss", "null", 8000, ("silent",)),
          pytest.param("subdyn jacket", "structural", 802, ("right", "in the set", "unexplained"),
                       marks=pytest.mark.long),
          *(pytest.param("matrices building", "null", seed, ("silent", "ambiguous"), marks=pytest.mark.long)
