@@ -451,8 +451,12 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
                          "leave out the highest modes, or give matrices of more degrees of freedom")
     planes, logs = [], []
     for group in groups:
-        members = list(group)
-        plane, log = _measured_plane(blocks, group, np.flatnonzero(blocks.have(members)))
+        together = np.flatnonzero(blocks.have(group))
+        if not len(together):
+            raise InputError("modes", f"{' and '.join(blocks.labels[j] for j in group)} are close and in no set "
+                             "together, so that there is nothing to compare", "list each mode at the same place of "
+                             "every set, null where it was not found, or leave out one of the two")
+        plane, log = _measured_plane(blocks, group, together)
         planes.append(plane)
         logs.append(log)
     return ModalPredictor(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())

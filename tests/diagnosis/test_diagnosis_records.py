@@ -64,6 +64,20 @@ def test_channels_are_left_out_as_long_as_more_numbers_are_kept(record, validati
         row.equal(found_here[tuple(data.channels.index(c) for c in kept)], max(found_here.values()), case=share)
 
 
+def test_a_close_pair_of_which_each_set_has_one_is_refused(prepared, record):
+    """As where sets list their modes by frequency and some miss one."""
+    def alternate(k, s):
+        f, shape = np.array(s.frequency_hz), np.array(s.shape)
+        f[1] = 1.03 * f[0]
+        f[k % 2], shape[:, k % 2] = np.nan, np.nan
+        return replace(s, frequency_hz=f, shape=shape)
+
+    whole = record(seed=1)
+    data = replace(whole, sets=tuple(alternate(k, s) for k, s in enumerate(whole.sets)))
+    with pytest.raises(InputError, match="close and in no set together"):
+        diagnosis_problem(prepared, data)
+
+
 def test_copies_are_refused(prepared, record):
     data = record(7)
     copies = replace(data, sets=tuple(replace(s, frequency_hz=data.sets[0].frequency_hz) for s in data.sets))
