@@ -322,36 +322,61 @@ def fit_surrogate(
 
 
 def straightest_powers(x, value, log_weight, powers, positive) -> tuple[int, ...]:
-    """Powers, changed one parameter after another where a quadratic then misses clearly less."""
+    """Powers, changed one parameter after another where a quadratic then misses clearly less. Another power changes the
+    products of one coordinate: of many parameters the normal equations of the others cost the most."""
+    powers = list(powers)
+    columns, root, _, ridge = _least_squares(to_coordinates(x, powers), log_weight)
+    factors = np.hstack([np.ones((len(x), 1)), _standardise(to_coordinates(x, powers))])
+    i, j = np.triu_indices(factors.shape[1])
 
-    def missed(trial) -> float:
-        columns, root, _, ridge = _least_squares(to_coordinates(x, trial), log_weight)
-        target = (value - value.max() + log_jacobian(x, trial)) * root
-        found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
-        return float(np.sum((target - columns @ found) ** 2))
+    def missed(gram, right, target) -> float:
+        found = np.linalg.solve(gram + ridge, right)
+        return float(target @ target - found @ (2 * right - gram @ found))
 
-    powers, least = list(powers), missed(powers)
+    def target_of(powers) -> np.ndarray:
+        return (value - value.max() + log_jacobian(x, powers)) * root
+
+    gram, target = columns.T @ columns, target_of(powers)
+    least = missed(gram, columns.T @ target, target)
     for k in np.flatnonzero(positive):
+        own = (i == k + 1) | (j == k + 1)
         for power in (1, 0, -1):
-            trial = [*powers[:k], power, *powers[k + 1 :]]
-            if power != powers[k] and (value_missed := missed(trial)) < CLEARLY_LESS * least:
-                powers, least = trial, value_missed
+            if power == powers[k]:
+                continue
+            trial, new = [*powers[:k], power, *powers[k + 1 :]], factors.copy()
+            new[:, k + 1] = _standardise(to_coordinates(x[:, [k]], (power,)))[:, 0]
+            fresh, _ = _unit_columns(new[:, i[own]] * new[:, j[own]] * root[:, None])
+            other, target = gram.copy(), target_of(trial)
+            other[own] = fresh.T @ columns
+            other[np.ix_(own, own)] = fresh.T @ fresh
+            other[:, own] = other[own].T
+            right = columns.T @ target
+            right[own] = fresh.T @ target
+            if (value_missed := missed(other, right, target)) < CLEARLY_LESS * least:
+                powers, least, factors, gram = trial, value_missed, new, other
+                columns[:, own] = fresh
     return tuple(powers)
+
+
+def _standardise(u: np.ndarray, centre: np.ndarray | None = None) -> np.ndarray:
+    return (u - (u.mean(axis=0) if centre is None else centre)) / (u.std(axis=0) + TINY)
+
+
+def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    size = np.sqrt(np.mean(columns**2, axis=0)) + TINY
+    return columns / size, size
 
 
 def _least_squares(u, log_weight, centre=None):
     """Columns 1, d, d d^T of d = (u - centre) / scale, each of unit size and times the root of the weights (n,); the
     sizes, and the ridge on all but the constant."""
-    scale = u.std(axis=0) + TINY
-    d = (u - (u.mean(axis=0) if centre is None else centre)) / scale
-    i, j = np.triu_indices(u.shape[1])
-    columns = np.column_stack([np.ones(len(d)), d, d[:, i] * d[:, j]])
     weight = np.exp(log_weight)
     root = np.sqrt(weight / weight.mean())
-    columns *= root[:, None]
-    size = np.sqrt(np.mean(columns**2, axis=0)) + TINY
-    ridge = RIDGE * len(d) * np.diag([0.0] + [1.0] * (columns.shape[1] - 1))
-    return columns / size, root, size, ridge
+    factors = np.hstack([np.ones((len(u), 1)), _standardise(u, centre)])
+    i, j = np.triu_indices(factors.shape[1])
+    columns, size = _unit_columns(factors[:, i] * factors[:, j] * root[:, None])
+    ridge = RIDGE * len(u) * np.diag([0.0] + [1.0] * (len(i) - 1))
+    return columns, root, size, ridge
 
 
 def _refit(current: GaussianApproximation, x, value, log_weight) -> GaussianApproximation:
