@@ -41,9 +41,14 @@ def rounding_step(values: np.ndarray) -> float:
 def rounding_steps(columns: np.ndarray) -> np.ndarray:
     """Step (n_column,) of each of `columns` (n_row, n_column), written alike by one program: that of all of them, but
     where a column's own is coarser by more than chance (significant digits instead of decimals). A column of few
-    different values, or of one, does not show its own."""
+    different values, or of one, does not show its own. Frequencies of rounded periods have these periods' step."""
     columns = np.asarray(columns, float)
+    with np.errstate(divide="ignore"):
+        period_step = rounding_step(1 / columns.ravel())
     whole, found = rounding_step(columns.ravel()), np.array([rounding_step(column) for column in columns.T])
+    if period_step > 0 and whole == 0:
+        there = np.isfinite(columns)
+        return period_step * np.sum(np.where(there, columns, 0.0) ** 2, axis=0) / np.maximum(there.sum(axis=0), 1)
     different = np.array([len(np.unique(column[np.isfinite(column)])) for column in columns.T])
     with np.errstate(invalid="ignore", divide="ignore"):
         by_chance = (different < 2) | (len(found) * (whole / found) ** different >= CHANCE)
