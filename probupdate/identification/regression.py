@@ -328,6 +328,15 @@ def _fit(table, value, noise, time_h) -> _Fit:
                 innovation=left / np.sqrt(variance))
 
 
+def mean_over_time(value: np.ndarray, time_h: np.ndarray) -> tuple[float, float]:
+    """Mean of value (n_row,) at time_h (n_row,) ascending, and its standard deviation: errors that last from block to
+    block are averaged over (`_fit`); fewer rows than a regression needs do not show them and count as independent."""
+    if len(value) < 1 + SPARE_ROWS or np.any(np.diff(time_h) <= 0):
+        return float(np.mean(value)), float(np.std(value, ddof=1) / np.sqrt(len(value)))
+    fit = _fit(np.ones((len(value), 1)), value, np.ones(len(value)), time_h)
+    return float(fit.coefficient[0]), float(np.sqrt(fit.covariance[0, 0]))
+
+
 def _inflation(table: np.ndarray) -> np.ndarray:
     """1 / (1 - R^2) of each column on the others (centred)."""
     if table.shape[1] < 2:
@@ -413,14 +422,21 @@ def _sets_by_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], n
     if not sets:
         raise InputError("regression", f"no usable block in state '{state}'" if state else "no usable block",
                          "name another state, or none")
+    hours = hours_of_sets(sets)
+    if hours is None:
+        raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
+                         "name sets by their start in UTC, ISO 8601")
+    order = np.argsort(hours, kind="stable")
+    return [sets[k] for k in order], hours[order]
+
+
+def hours_of_sets(sets: Sequence[ModalSet]) -> np.ndarray | None:
+    """Hours (n_set,) of each since the first, None where they are not named by times."""
     try:
         time = pd.to_datetime([s.id for s in sets], utc=True, format="ISO8601")
     except (ValueError, TypeError):
-        raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
-                         "name sets by their start in UTC, ISO 8601") from None
-    order = np.argsort(time, kind="stable")
-    hours = (time[order] - time[order][0]).total_seconds().to_numpy() / 3600
-    return [sets[k] for k in order], hours
+        return None
+    return (time - time.min()).total_seconds().to_numpy() / 3600
 
 
 def _columns(sets: Sequence[ModalSet], covariates: Sequence[str]) -> dict[str, np.ndarray]:

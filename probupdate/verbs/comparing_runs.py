@@ -10,9 +10,11 @@ import numpy as np
 
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError
+from probupdate.identification.regression import hours_of_sets, mean_over_time
 from probupdate.io.files import write_json, write_table
 from probupdate.io.result_table import table_of
 from probupdate.modal.modes import ModalData, read_modes
+from probupdate.modal.rounding import rounding_std
 from probupdate.reporting.run_files import run_places
 from probupdate.updating.posterior_file import Posterior, read_posterior
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 # a difference in its own standard deviations that is named in the summary
 NAMED = 2.0
+STATED = {"frequency_hz": "frequency_std_hz", "damping_ratio": "damping_ratio_std"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +109,7 @@ def _row(kind: str, name: str, unit: str, a, b) -> RunRow:
     """a, b: (value, standard deviation), or None."""
     apart = None
     if a is not None and b is not None:
-        spread = float(np.hypot(a[1], b[1]))
+        spread = float(np.hypot(*(np.nan if std is None else std for _, std in (a, b))))
         apart = float((b[0] - a[0]) / spread) if np.isfinite(spread) and spread > 0 else None
     (x, sx), (y, sy) = (pair or (None, None) for pair in (a, b))
     return RunRow(kind=kind, name=name, unit=unit, first=x, first_std=sx, second=y, second_std=sy, standardised=apart)
@@ -133,15 +136,26 @@ def _mode_rows(a: ModalData | None, b: ModalData | None) -> list[RunRow]:
 
 
 def _means(data: ModalData | None, key: str) -> dict[str, tuple[float, float | None]]:
-    """Label -> mean over the sets and its standard error from their scatter; of fewer than two sets it has none."""
+    """Label -> mean over the sets and its standard deviation from their scatter in time, that of rounding at least; of
+    one set what it states, if it does."""
     if data is None or data.labels is None:
         return {}
     found = {}
+    every = np.array([getattr(s, key) for s in data.sets], float)
+    stated = np.array([getattr(s, STATED[key]) for s in data.sets], float)
+    hours, rounding = hours_of_sets(data.sets), rounding_std(every)
+    order = np.arange(len(every)) if hours is None else np.argsort(hours, kind="stable")
+    time = order if hours is None else hours[order]
     for k, label in enumerate(data.labels):
-        values = np.array([getattr(s, key)[k] for s in data.sets], float)
-        values = values[np.isfinite(values)]
-        if len(values) > 1:
-            found[label] = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+        values = every[order, k]
+        there = np.isfinite(values)
+        if there.sum() > 1:
+            mean, std = mean_over_time(values[there], time[there])
+        elif there.any():
+            mean, std = float(values[there][0]), float(stated[order, k][there][0])
+        else:
+            continue
+        found[label] = mean, float(max(std, rounding[k])) if np.isfinite(std) else None
     return found
 
 
@@ -161,7 +175,7 @@ def _verdict_text(diagnosis: dict | None) -> str:
 
 def _notes(a: Posterior | None, b: Posterior | None) -> list[str]:
     notes = ["differences are over both runs' standard deviations as if they were independent: runs of one record, or "
-             "of one model with its error, share much of them"]
+             "of one model with its error, share much of them, and what lasts longer than a run differs between runs"]
     if a is None or b is None:
         return notes
     if a.names != b.names:

@@ -37,7 +37,7 @@ def test_differences_are_in_their_own_standard_deviations(tmp_path, capsys):
     assert abs(table.loc[("parameter", "m"), "standardised"]) < 0.2
     assert table.loc[("frequency", "FA1"), "first_std"] == pytest.approx(0.01 / np.sqrt(3), rel=1e-6)
     words = capsys.readouterr().out
-    assert "1 of 3 numbers differ" in words and "ln evidence: 3.25 ± 0.01 | 3.25 ± 0.01" in words
+    assert "1 of 4 numbers differ" in words and "ln evidence: 3.25 ± 0.01 | 3.25 ± 0.01" in words
 
 
 def test_what_must_not_be_compared_is_said(tmp_path, capsys):
@@ -56,3 +56,50 @@ def test_a_folder_without_results_is_named(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     assert main(["compare", str(a), str(tmp_path / "empty"), "--out", str(tmp_path / "c.json")]) == 2
     assert "holds neither posterior.nc nor modes.json" in capsys.readouterr().err
+
+
+def compared(tmp_path, first, second, *, step_min=30, decimals=None, **stated):
+    """Rows of two runs whose sets have these frequencies (n_set, 1) in Hz."""
+    for name, values in (("a", first), ("b", second)):
+        (tmp_path / name).mkdir()
+        values = values if decimals is None else np.round(values, decimals)
+        sets = [{"id": str(np.datetime64("2024-01-01T00:00") + np.timedelta64(step_min * k, "m")) + "Z",
+                 "frequency_hz": [float(f)], **stated} for k, f in enumerate(values)]
+        (tmp_path / name / "modes.json").write_text(json.dumps({"channels": [], "labels": ["FA1"], "sets": sets}))
+    assert main(["compare", *(str(tmp_path / name) for name in "ab"), "--out", str(tmp_path / "c.json")]) == 0
+    (row,) = json.loads((tmp_path / "c.json").read_text())["rows"]
+    return row
+
+
+def slow(rng, n, decay=0.9):
+    """Ornstein-Uhlenbeck errors (n,) of standard deviation one."""
+    found = np.empty(n)
+    found[0] = rng.standard_normal()
+    for k in range(1, n):
+        found[k] = decay * found[k - 1] + np.sqrt(1 - decay**2) * rng.standard_normal()
+    return found
+
+
+def test_what_lasts_for_hours_is_no_change_between_days(tmp_path):
+    apart = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        (folder := tmp_path / str(seed)).mkdir()
+        apart.append(compared(folder, *(0.32 * (1 + 3e-3 * slow(rng, 48)) for _ in range(2)))["standardised"])
+    # two standard deviations: by chance in one of twenty, five of twenty with a probability of 0.003
+    assert np.sum(np.abs(apart) > 2) < 5
+
+
+@pytest.mark.parametrize("n", [3, 9, 40])
+def test_a_step_of_rounded_frequencies_is_a_difference(tmp_path, n):
+    row = compared(tmp_path, np.full(n, 0.3204), np.full(n, 0.3502), decimals=2)
+    assert row["first_std"] == pytest.approx(0.01 / np.sqrt(12))
+    assert row["standardised"] == pytest.approx(0.03 / (0.01 / np.sqrt(6)))
+
+
+def test_single_sets_are_compared_by_what_they_state(tmp_path):
+    row = compared(tmp_path, [0.320114], [0.323217], frequency_std_hz=[0.0011])
+    assert row["standardised"] == pytest.approx(0.003103 / 0.0011 / np.sqrt(2))
+    (other := tmp_path / "silent").mkdir()
+    row = compared(other, [0.320114], [0.323217])
+    assert row["first"] == pytest.approx(0.320114) and row["first_std"] is row["standardised"] is None
