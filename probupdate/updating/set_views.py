@@ -4,7 +4,7 @@ posterior for all, (d) a population whose mean and scatter are inferred. What ea
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -202,9 +202,9 @@ def view_sets(
     expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
     likelihoods = linearise(noise := shared.without(expected, scales.new), centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
-    at_one = Common.of(shared, prior)
+    at_one = Common.of(_linearise_at_one(shared, scales, parameters, coordinates, prior), prior)
     sampled = (parameters, coordinates, prior, rng)
-    alone = [joint_posterior(at_one.of_sets([j]), *sampled, n_draw=N_ALONE) for j in range(len(problems))]
+    alone = [joint_posterior(each, *sampled, n_draw=N_ALONE) for each in at_one.of_each(shared)]
     joint = joint_posterior(at_one.of_all(), *sampled)
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
     scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
@@ -216,13 +216,27 @@ def view_sets(
     notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
     return SetViews(
         ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
-        verdict=population.verdict, linear_share=frozen_array(share),
-        correlation=_correlation(population) if correlated else None, notes=(*outliers, *notes),
-        advice=advice(rows, scores, share), settings={
+        verdict=population.verdict, linear_share=frozen_array(share), notes=(*outliers, *notes),
+        correlation=_correlation(population) if correlated else None, advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
         } | ({"one number in all sets": ", ".join(common)} if common else {}),
     )
+
+
+def _linearise_at_one(
+    error: SharedError, scales: LearntScales, parameters: Parameters, coordinates: Coordinates, prior: GaussianPrior
+) -> SharedError:
+    """Linear about one place, for one value in all sets. Slopes at the sets' own places differ as these do: far from
+    all of them the one would make up for the other."""
+    place = coordinates.back(error.middle)
+    for _ in range(2):
+        place = _hold_inside_bounds(place, parameters, coordinates)
+        error = shared_error(error.problems, np.tile(place, (len(error.problems), 1)), coordinates)
+        density = error.likelihoods(error.sum_sets(scales.new), scales.shared)
+        likeliest = density.node(int(np.argmax(density.shares(prior))))
+        place = coordinates.back(_gaussian(likeliest, parameters, coordinates).centre)
+    return error
 
 
 def _spread_of_each(parameters: Parameters, common: Sequence[str], spread: float) -> np.ndarray:
@@ -272,6 +286,11 @@ class Common:
     def of(cls, error: SharedError, prior: GaussianPrior) -> Common:
         scales = learn_scales(error, prior)
         return cls(error, scales, error.each(scales.new))
+
+    def of_each(self, error: SharedError) -> list[AveragedDensity]:
+        """Of every set by itself, about its place in `error`."""
+        each = replace(self, error=error, each=error.each(self.scales.new))
+        return [each.of_sets([j]) for j in range(len(self.each))]
 
     def of_sets(self, keep: Sequence[int]) -> AveragedDensity:
         """At one scale of what is new, that all sets together have shown."""
