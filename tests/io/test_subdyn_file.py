@@ -42,6 +42,14 @@ def test_every_layout_is_told_by_what_stands_where(tmp_path, layout):
     assert soil.stiffness[0, 0] == 5e8 and soil.stiffness[1, 1] == 6e8 and soil.mass[0, 0] == 2e3
 
 
+def test_modes_have_damping_ratios_of_their_own(tmp_path):
+    # openfast_io 5.0.0 keeps the first alone (findings/openfast_io_damping.sh)
+    for row in ("0.5 2.0 5.0", "0.5, 2.0, 5.0"):
+        text = cantilever().replace("             0   Nmodes", "             3   Nmodes")
+        file = read_subdyn(write(tmp_path, text.replace("             1   JDampings", f"{row}   JDampings")))
+        assert file.settings["JDampings"] == "0.5 2.0 5.0"
+
+
 def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
     text = cantilever("v4.0")
     text = text.replace("--- FEA", "False GuyanLoadCorrection - old\n--- FEA").replace(

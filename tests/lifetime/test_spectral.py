@@ -48,6 +48,19 @@ def test_cycles_of_the_standards_example():
     assert held == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
 
 
+def test_samples_held_twice_add_and_lose_no_cycle():
+    # as a converter's steps hold them; rust-fatigue 0.1.9 loses every peak (findings/rust_fatigue_plateaus.sh)
+    record = np.round(8 * np.random.default_rng(3).standard_normal(400))
+    for found, expected in zip(rainflow(np.repeat(record, 2)), rainflow(record), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_slopes_are_chosen_by_ranges_times_their_factor():
+    # qats 5.5.0 chooses by the range alone (findings/qats_thick_plates.sh)
+    m = moments(F, bimodal())
+    assert ranges(m).damage(T_CURVE, 1.32) == pytest.approx(ranges(1.32**2 * m).damage(T_CURVE), rel=1e-12)
+
+
 @pytest.mark.parametrize("name", list(SPECTRA))
 @pytest.mark.parametrize("method", METHODS)
 def test_spectral_damage_is_that_of_counted_cycles(name, method, validation):
