@@ -488,21 +488,21 @@ class Design:
         for start in range(0, n, chunk):
             size = min(chunk, n - start)
             residuals = []
+            parts = [slice(first, min(first + at_once, size)) for first in range(0, size, at_once)]
             for q, root in enumerate(roots):
-                white = rng.standard_normal((size, n_block, root.shape[0]))
+                noise = np.empty((size, n_block, root.shape[0]))
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
-                white = white @ root.T
-                white *= scale[None, :, None]
-                if scales:
-                    white *= scales[q][start : start + size, None, :]
-                residuals.append(white)
+                for part in parts:
+                    noise[part] = rng.standard_normal(noise[part].shape) @ root.T
+                    noise[part] *= scale[None, :, None]
+                    if scales:
+                        noise[part] *= scales[q][start : start + size][part, None, :]
+                residuals.append(noise)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
-            for first in range(0, size, at_once):
-                part = slice(first, first + at_once)
-                noise = [y[part] for y in residuals]
-                right = self.unknowns_scores(noise) + unknown[part] @ self.unknowns_information
-                result[start + first : start + min(first + at_once, size)] = self.raw_scores(
-                    noise, self._solve(right.T).T - unknown[part])
+            for part in parts:
+                own = [y[part] for y in residuals]
+                right = self.unknowns_scores(own) + unknown[part] @ self.unknowns_information
+                result[start : start + size][part] = self.raw_scores(own, self._solve(right.T).T - unknown[part])
         result.setflags(write=False)
         return result
 
