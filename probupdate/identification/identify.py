@@ -93,8 +93,7 @@ class Identification:
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
         write_modes(self.data, out)
-        written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
-        write_table(table, written)
+        write_table(table, self.poles)
         beside = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.covariance_factors
                                                                      for s in self.data.sets) else []
         return [out, *beside, table]

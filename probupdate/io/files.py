@@ -189,13 +189,15 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
 
 
 def write_table(path: str | Path, frame: Any, float_format: str | None = "%.6g") -> Path:
-    """A pandas frame as CSV; text that a spreadsheet would take for a formula is preceded by an apostrophe."""
+    """A pandas frame as CSV, times in UTC; an apostrophe before text that a spreadsheet would take for a formula."""
     with written_whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         # a piece at a time: a year's poles are many rows
         for first in range(0, max(len(frame), 1), ROWS_AT_ONCE):
             safe = frame.iloc[first : first + ROWS_AT_ONCE].copy()
             for column in safe:
-                if safe[column].dtype.kind not in "biufcmM":
+                if safe[column].dtype.kind == "M":
+                    safe[column] = safe[column].dt.strftime("%Y-%m-%dT%H:%M:%SZ")
+                elif safe[column].dtype.kind not in "biufcm":
                     safe[column] = safe[column].map(_escape_formula)
             safe.columns = [_escape_formula(c) for c in safe.columns]
             safe.to_csv(stream, index=False, header=not first, float_format=float_format, lineterminator="\n")
