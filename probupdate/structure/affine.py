@@ -77,6 +77,13 @@ class AffineModel:
     def n_dof(self) -> int:
         return self.stiffness[0].shape[0]
 
+    @cached_property
+    def mesh(self) -> tuple[bytes, ...]:
+        """Equal for models of one mesh: where degrees of freedom are, or, if that is not known, which are joined."""
+        if self.places is None:
+            return tuple(part.tobytes() for K in self.stiffness for part in (K.indptr, K.indices))
+        return self.places.position_m.tobytes(), self.places.direction.tobytes()
+
     @property
     def n_available(self) -> int:
         # a type checker takes no cached property for the interface's own

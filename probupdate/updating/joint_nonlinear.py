@@ -347,7 +347,7 @@ def fast_models(
     for key, (problem, of) in asked.items():
         model: Any = problem.model
         if isinstance(model, AffineModel) and model.n_dof >= CONSTANTS.reduce_from:
-            meshes.setdefault((model.n_dof, problem.parameters.names, problem.matching.n_mode), []).append(key)
+            meshes.setdefault((model.mesh, problem.parameters.names, problem.matching.n_mode), []).append(key)
         for i in of:
             found[i][key] = model
     for (_, _, n_mode), keys in meshes.items():

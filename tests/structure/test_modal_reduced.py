@@ -58,6 +58,23 @@ def compare(reduced, full, theta, n_mode):
     return np.array(error), least
 
 
+def test_a_mesh_is_where_its_nodes_are():
+    """Models of as many degrees of freedom are of one mesh where the nacelle looks elsewhere, not where legs stand
+    elsewhere; of matrices without places where the same degrees of freedom are joined."""
+    raw, wider = small_turbine(), small_turbine()
+    wider["jacket"]["bottom"]["leg_spacing_m"] *= 1.05
+    here, turned, other = (
+        turbine_model(parse_description(one, "model.toml"), where="model.toml", nacelle_angle_deg=angle)
+        for one, angle in ((raw, 0.0), (raw, 65.0), (wider, 0.0)))
+    assert here.n_dof == turned.n_dof == other.n_dof
+    assert here.mesh == turned.mesh != other.mesh
+    plain = replace(here, places=None)
+    assert plain.mesh == replace(plain, mass=tuple(2 * m for m in plain.mass)).mesh
+    order = np.random.default_rng(1).permutation(plain.n_dof)
+    exchanged = tuple(sparse.csc_array(K[order][:, order]) for K in plain.stiffness)
+    assert plain.mesh != replace(plain, stiffness=exchanged).mesh
+
+
 def test_report_keeps_the_promise(reduced):
     report = reduced.report
     assert report.max_frequency_error <= 1e-5 and report.max_box_error <= 1e-4 and report.min_mac >= 0.9999
