@@ -98,9 +98,11 @@ class DamageCurve:
 
     def factor(self, log_damage: np.ndarray) -> np.ndarray:
         """(n_spot,) ln of the factor at which a year's damage has this logarithm (n_spot,)."""
-        return np.array(
-            [np.interp(v, column, self.at) for v, column in zip(log_damage, self.log_damage.T, strict=True)]
-        )
+        pairs = zip(log_damage, self.log_damage.T, strict=True)
+        near = np.array([np.interp(v, column, self.at) for v, column in pairs])
+        value, slope = self.value(near[:, None])
+        # a step of Newton's: beyond the table the curve is straight
+        return near + (log_damage - value[:, 0]) / slope[:, 0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

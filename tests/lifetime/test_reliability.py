@@ -119,8 +119,9 @@ def test_life_of_the_median_factor_is_the_damage_turned_over():
 
 def test_a_factor_is_found_again_from_its_damage():
     curve = two_slopes()
-    b = np.array([-0.3, 0.02, 0.4])
-    np.testing.assert_allclose(curve.factor(curve.value(b[:, None])[0][:, 0]), b, atol=2e-4)
+    # the last: forty times the stress, beyond the table, where it was held at twelve
+    for b in (np.array([-0.3, 0.02, 0.4]), np.array([-0.7, 2.4, np.log(40.0)])):
+        np.testing.assert_allclose(curve.factor(curve.value(b[:, None])[0][:, 0]), b, atol=1e-6)
 
 
 def drawn_lives(curve, mean, std, n, rng):
