@@ -30,10 +30,12 @@ POWER_DENSITY, TIP_SPEED = 350.0, (30.0, 130.0)
 USUAL_TIP_SPEED = 75.0
 # a turbine runs in this wind (m/s) and, if large, at this speed (rpm); what large is, in kW
 RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
-# power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
-LEAST_SHARE, MOST_SHARE = 0.02, 1.6
 # least wind (m/s) of rated power, of 200 to 600 W/m2 of rotor and power coefficients of 0.38 to 0.47
 RATED_WIND = (8.5, 14.0)
+# power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
+LEAST_SHARE, MOST_SHARE = 0.02, 1.6
+# up to this share, below which only a curtailed turbine stays in it, another unit is asked about where one fits
+SMALL_SHARE = (RUNS_ABOVE / RATED_WIND[1]) ** 3
 WIND_UNITS = {"knots": 0.514444, "miles an hour": 0.44704, "km/h": 1 / 3.6}
 # pitch (degrees) of blades that are feathered
 FEATHERED = (60.0, 95.0)
@@ -68,6 +70,7 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
             notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
     for column in COMPASS:
         notes += _check_angle_means(table, column)
+    notes += _check_stillness(table, rated_power_kw)
     for test in (_power_unit, _rotor_unit, _wind_unit, _pitch_unit):
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
@@ -101,6 +104,20 @@ def _is_filler(value: float, column: np.ndarray) -> bool:
         return True
     at_end = value < others.min() or value > others.max()
     return at_end and float(np.abs(others - value).min()) > NEAR * abs(value)
+
+
+def _check_stillness(table: pd.DataFrame, rated: float | None) -> list[str]:
+    """Calm or a rotor that stands in a few of the rows in which the turbine gives a fifth of its power, as zeros that
+    stand for none: such a row has no wind or speed."""
+    power, notes = _column(table, "power_kw"), []
+    gives = power > 0.2 * _full_power(power, rated)
+    for name, least in (("wind_speed_mps", 0.5 * np.cbrt(0.2) * RATED_WIND[0]), ("rotor_speed_rpm", TURNS)):
+        gone = gives & (_column(table, name) < least)
+        if 0 < gone.sum() < 0.5 * gives.sum():
+            table[name] = table[name].where(~gone)
+            notes.append(f"{plural(int(gone.sum()), 'value')} of {name} in SCADA below {least:.2g}, in rows in which the "
+                         "turbine gives a fifth of its power or more, cannot be: taken as missing")
+    return notes
 
 
 # Angles -------------------------------------------------------------------------------------------------------------
@@ -178,6 +195,10 @@ def _column(table: pd.DataFrame, name: str) -> np.ndarray:
     return table[name].to_numpy(float) if name in table else np.full(len(table), np.nan)
 
 
+def _full_power(power: np.ndarray, rated: float | None) -> float:
+    return rated or (float(np.nanmax(power)) if np.isfinite(power).any() else np.nan)
+
+
 def _runs(table: pd.DataFrame, rated_power_kw: float | None) -> np.ndarray:
     """(n_row,) where power, or else wind and rotor, say that the turbine runs."""
     power, wind, rotor = (_column(table, c) for c in ("power_kw", "wind_speed_mps", "rotor_speed_rpm"))
@@ -207,7 +228,7 @@ def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
         return []
     full = rated or LARGE_KW
     high = most / full > MOST_SHARE if rated else most > 1e5
-    if not high and (len(at) < FEW or float(np.max(power[at])) > LEAST_SHARE * full):
+    if not high and (len(at) < FEW or float(np.max(power[at])) > SMALL_SHARE * full):
         return []
     k = int(np.nanargmax(power)) if high or not len(at) else int(at[np.argmax(power[at])])
     share = f" ({100 * power[k] / rated:.2g} % of rated_power_kw)" if rated else ""
@@ -217,14 +238,15 @@ def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
     fits = [(name, factor) for name, factor in units if 0.3 < factor * power[k] / full < 1.3] if rated else (
         [("MW", 1e3)] if not high else [("W", 1e-3)])
     if not fits:
-        return [("power_kw", text + "another unit?")]
+        curtailed = not high and float(np.max(power[at])) > LEAST_SHARE * full
+        return [] if curtailed else [("power_kw", text + "another unit?")]
     return [("power_kw", text + f"is it in {fits[0][0]}? {_factor_remedy('power_kw', fits[0][1])}")]
 
 
 def _rotor_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
     """The speed of the blades' tips while the turbine gives power: by its rated power the rotor has a size."""
     rotor, power, wind = (_column(table, c) for c in ("rotor_speed_rpm", "power_kw", "wind_speed_mps"))
-    full = rated or (float(np.nanmax(power)) if np.isfinite(power).any() else np.nan)
+    full = _full_power(power, rated)
     if not np.isfinite(rotor).any() or not full > LARGE_KW:
         return []
     with np.errstate(invalid="ignore"):
@@ -254,7 +276,7 @@ def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]
     """The wind of rated power, by the cube of the wind from rows at a part of it. Curtailed rows have too much wind for
     their power, and where rated power is not known the highest is too little: neither makes the least wind too high."""
     power, wind = _column(table, "power_kw"), _column(table, "wind_speed_mps")
-    full = rated or (float(np.nanmax(power)) if np.isfinite(power).any() else np.nan)
+    full = _full_power(power, rated)
     with np.errstate(invalid="ignore"):
         at = (power > 0.2 * full) & (power < 0.8 * full) & np.isfinite(wind)
     if at.sum() < 2 * FEW:

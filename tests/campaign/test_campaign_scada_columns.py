@@ -58,7 +58,7 @@ def test_a_filler_in_power_is_missing_too(tmp_path, value):
 def test_numbers_of_nines_among_others_stay(tmp_path):
     power = np.linspace(-20, 4999, N)
     power[7] = 999
-    found = read(tmp_path, scada(power_kw=power, wind_speed_mps=np.linspace(3, 12, N)))
+    found = read(tmp_path, scada(power_kw=power, wind_speed_mps=np.linspace(3, 12, N), rotor_speed_rpm=12.0))
     assert found["power_kw"].iloc[7] == 999 and found["power_kw"].iloc[-1] == 4999 and not found.attrs["notes"]
 
 
@@ -94,9 +94,27 @@ def test_power_in_megawatt_is_said_with_wind_and_speed(tmp_path):
     assert "reaches 5 (0.1 % of rated_power_kw) at 13 m/s and 12 rpm" in found.attrs["notes"][0]
 
 
-def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path):
-    found = read(tmp_path, scada(power_kw=scada()["power_kw"] / 1000), rated=None)
+@pytest.mark.parametrize("megawatt", [2.0, 5.0, 8.0, 15.0])
+def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path, megawatt):
+    found = read(tmp_path, scada(power_kw=scada()["power_kw"] / RATED * megawatt), rated=None)
     assert "power_kw" not in found and "MW" in found.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("rated", [850.0, 2300.0, 15000.0])
+def test_power_in_percent_is_said_of_small_turbines_too(tmp_path, rated):
+    power = scada()["power_kw"] / RATED
+    found = read(tmp_path, scada(power_kw=100 * power, rotor_speed_rpm=15.0 if rated < 3000 else 8.0), rated=rated)
+    assert "power_kw" not in found and f"{{ power_kw = {rated / 100:g} }}" in found.attrs["notes"][0]
+    # curtailed to a tenth, in no other unit
+    curtailed = scada(power_kw=0.1 * rated * power, rotor_speed_rpm=15.0 if rated < 3000 else 8.0)
+    assert rated == 850.0 or not read(tmp_path, curtailed, rated=rated).attrs["notes"]
+
+
+@pytest.mark.parametrize("column", ["wind_speed_mps", "rotor_speed_rpm"])
+def test_a_zero_while_power_is_given_is_missing(tmp_path, column):
+    found = read(tmp_path, scada(**{column: {25: 0.0, 30: 0.0}}))
+    assert np.flatnonzero(found[column].isna()).tolist() == [25, 30]
+    assert f"2 values of {column} in SCADA below" in found.attrs["notes"][0]
 
 
 def power_curve(wind, at_rated):
