@@ -274,11 +274,11 @@ def _findings(
     states = dict(zip(head["id"], head["state"], strict=True))
     clocks, clock_use = clock_findings(compared, campaign.channels)
     rates, rate_use = rate_findings(campaign, ratio)
-    single += mounting_findings(compared, single)
-    single += phase_findings(compared, campaign.channels, single)
-    measured, able = sensor_findings(campaign, compared, sways, single)
-    # what is late by seconds has no gain against the others
+    # what is late by seconds has no gain against the others, and may have nothing in common with them
     away = runaway_clocks(compared, campaign.channels)
+    single += mounting_findings(compared, single, away)
+    single += phase_findings(compared, campaign.channels, single, away)
+    measured, able = sensor_findings(campaign, compared, sways, single)
     measured = [f for f in measured if f.channel not in away]
     findings = (
         *_coverage(campaign, head, overlaps), *single, *(f.message for f in measured), *clocks, *rates,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, name_levels
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.campaign.stated import UNITS
 from probupdate.io.result_table import plural
 from probupdate.modal.modes import Sensor
@@ -174,8 +175,11 @@ def _compare_neighbours(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[
 # Channels against one another ---------------------------------------------------------------------------------------
 
 
-def mounting_findings(compared: Sequence[ComparedBlock], mentioned: Sequence[str]) -> list[str]:
-    """Suspicions that return; `mentioned` sentences are not said again."""
+def mounting_findings(
+    compared: Sequence[ComparedBlock], mentioned: Sequence[str], away: Collection[str] = ()
+) -> list[str]:
+    """Suspicions that return; `mentioned` sentences are not said again, and channels whose clocks ran `away` from the
+    others' are not dead for that."""
     seen: dict[tuple, list[tuple[int, Suspicion]]] = {}
     for number, block in enumerate(compared):
         for one in block.suspicions:
@@ -187,7 +191,7 @@ def mounting_findings(compared: Sequence[ComparedBlock], mentioned: Sequence[str
     found = []
     for (kind, channels), cases in sorted(seen.items(), key=lambda item: -len(item[1])):
         numbers = [n for n, _ in cases]
-        if set(channels) & named or not _returns(numbers, len(compared)):
+        if set(channels) & named or (kind == mounting.DEAD and set(channels) & set(away)) or not _returns(numbers, len(compared)):
             continue
         named |= set(channels)
         sentence = _sentence(kind, channels, [s for _, s in cases])
@@ -272,8 +276,13 @@ def runaway_clocks(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
     for c, name in enumerate(channels):
         # not known of channels that a block could not compare
         within = [k for k, b in enumerate(compared) if np.nan_to_num(b.drift[c])]
-        if within and len(within) >= SHARE * sum(np.isfinite(b.drift[c]) for b in compared):
-            found[name] = 86400 * float(np.median([compared[k].drift[c] for k in within])), compared[within[-1]].id
+        if not within:
+            continue
+        drift = 86400 * float(np.median([compared[k].drift[c] for k in within]))
+        # farther off than a segment is long, channels have nothing in common
+        near = np.abs(drift * (days - np.median(days[within]))) < SEGMENT_S
+        if len(within) >= SHARE * sum(np.isfinite(b.drift[c]) for b, one in zip(compared, near, strict=True) if one):
+            found[name] = drift, compared[within[-1]].id
     if len(days) < FEWEST_STEPS + 1:
         return found
     usual = float(np.median(np.diff(days)))
@@ -341,14 +350,17 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
                    f"from {resolved:.1f} ms show")
 
 
-def phase_findings(compared: Sequence[ComparedBlock], channels: Sequence[str], mentioned: Sequence[str]) -> list[str]:
+def phase_findings(
+    compared: Sequence[ComparedBlock], channels: Sequence[str], mentioned: Sequence[str], away: Collection[str]
+) -> list[str]:
     """Sentences on channels whose phase against the others is no clock's in more than half of the blocks, but those
-    that a sentence of `mentioned` names."""
+    that a sentence of `mentioned` names and those whose clocks ran `away`."""
     bent = np.mean([np.isinf(b.delay_std_s) for b in compared], axis=0) > 0.5 if compared else ()
-    return [f"suspect: {name} moves with the channels of its direction, yet no clock makes its phase against them: a "
-            "filter or a mount of its own; take the filter's part out or leave the channel out"
-            for name, own in zip(channels, bent, strict=bool(compared)) if own and not any(
-                name in sentence for sentence in mentioned)]
+    return [f"suspect: {name} moves with the channels of its direction, yet no clock within {LARGEST_DELAY_S:g} s of "
+            "theirs makes its phase against them: a filter or a mount of its own, or a clock farther off; mend it or "
+            "leave the channel out" for name, own in zip(channels, bent, strict=bool(compared))
+            if own and name not in away and not any(
+                name in sentence for sentence in mentioned if sentence.startswith("suspect"))]
 
 
 def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:

@@ -115,8 +115,8 @@ def _check_stillness(table: pd.DataFrame, rated: float | None) -> list[str]:
         gone = gives & (_column(table, name) < least)
         if 0 < gone.sum() < 0.5 * gives.sum():
             table[name] = table[name].where(~gone)
-            notes.append(f"{plural(int(gone.sum()), 'value')} of {name} in SCADA below {least:.2g}, in rows in which the "
-                         "turbine gives a fifth of its power or more, cannot be: taken as missing")
+            notes.append(f"{plural(int(gone.sum()), 'value')} of {name} in SCADA below {least:.2g}, in rows in which "
+                         "the turbine gives a fifth of its power or more, cannot be: taken as missing")
     return notes
 
 

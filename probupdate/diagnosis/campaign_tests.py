@@ -21,6 +21,7 @@ from probupdate.campaign.findings import (
     clock_findings,
     mounting_findings,
     rate_findings,
+    runaway_clocks,
     scale_findings,
     sensor_findings,
 )
@@ -98,7 +99,8 @@ def campaign_tests(campaign: Campaign, *, runs: Executor = SERIAL, progress: Pro
     states = {b.id: b.state for b in blocks}
     ratio = rate_ratio([line for b in blocks for line in b.lines])
     own = channel_findings(table, campaign.sensors)
-    sentences = [*own, *mounting_findings(compared, own), *clock_findings(compared, campaign.channels)[0]]
+    sentences = [*own, *mounting_findings(compared, own, runaway_clocks(compared, campaign.channels)),
+                 *clock_findings(compared, campaign.channels)[0]]
     sentences += scale_findings(table, states, campaign.sensors, sentences)
     measured, _ = sensor_findings(campaign, compared, sways, sentences)
     by_rate, agrees = rate_findings(campaign, ratio)

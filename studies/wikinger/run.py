@@ -63,7 +63,8 @@ def without_torsion(data: ModalData) -> ModalData:
         return replace(s, shape=s.shape[:, keep], shape_std=s.shape_std[:, keep], covariance_factors=own,
                        **{name: getattr(s, name)[keep] for name in names})
 
-    return replace(data, sets=tuple(four(s) for s in data.sets), labels=paper.MODES)
+    return replace(data, sets=tuple(four(s) for s in data.sets), labels=paper.MODES,
+                   records=tuple(data.records[k] for k in keep) if data.records else data.records)
 
 
 def computed(out: Path, nine: Path, seed: int) -> None:

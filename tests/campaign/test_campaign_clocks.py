@@ -8,7 +8,8 @@ import pytest
 from scipy import signal
 
 from probupdate.campaign.checking import check
-from probupdate.campaign.findings import ComparedBlock, clock_findings, runaway_clocks
+from probupdate.campaign.findings import ComparedBlock, clock_findings, mounting_findings, runaway_clocks
+from probupdate.campaign.mounting import DEAD, Suspicion
 from probupdate.campaign.reading import read_campaign
 
 CHANNELS = ("a", "b", "c")
@@ -92,6 +93,16 @@ def test_a_filter_of_one_channel_is_named_and_no_clock(campaign_folder, storeys,
     folder = campaign_folder([(0, data)], head=HEAD)
     said = [t for t in check(read_campaign(folder)).findings if "F2 moves" in t or "clock of" in t]
     assert len(said) == 1 and "a filter or a mount of its own" in said[0]
+
+
+def test_a_clock_that_runs_minutes_away_is_not_dead():
+    """After a delay of a segment's length, from the sixth half hour on, channels have nothing in common."""
+    dead = (Suspicion(kind=DEAD, channels=("b",)),)
+    compared = [replace(b, delay_s=np.array([0.0, np.nan, 0.0]), drift=np.array([0.0, 4e-3 if k < 6 else 0.0, 0.0]),
+                        suspicions=dead if k >= 6 else ()) for k, b in enumerate(blocks(0.0))]
+    away = runaway_clocks(compared, CHANNELS)
+    assert away["b"][0] / 0.0864 == pytest.approx(4000) and mounting_findings(compared, (), away) == []
+    assert "b looks dead" in mounting_findings(compared, ())[0]
 
 
 def test_a_channel_that_no_block_could_compare_is_named_and_not_blamed():
