@@ -191,7 +191,9 @@ def mounting_findings(
     found = []
     for (kind, channels), cases in sorted(seen.items(), key=lambda item: -len(item[1])):
         numbers = [n for n, _ in cases]
-        if set(channels) & named or (kind == mounting.DEAD and set(channels) & set(away)) or not _returns(numbers, len(compared)):
+        if set(channels) & named or not _returns(numbers, len(compared)):
+            continue
+        if kind == mounting.DEAD and set(channels) & set(away):
             continue
         named |= set(channels)
         sentence = _sentence(kind, channels, [s for _, s in cases])
