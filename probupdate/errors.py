@@ -132,4 +132,5 @@ def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
         if isinstance(error, NameError | AssertionError) and _raised_by_caller(error):
             raise
         reason = str(error).strip() or "no reason given"
-        raise InputError(where, f"{problem} ({type(error).__name__}: {reason.splitlines()[0]})", remedy) from error
+        kind = "missing" if isinstance(error, KeyError) else type(error).__name__
+        raise InputError(where, f"{problem} ({kind}: {reason.splitlines()[0]})", remedy) from error

@@ -95,6 +95,12 @@ def test_an_error_without_words_is_told_by_its_kind():
     assert isinstance(error.value.__cause__, ValueError)
 
 
+def test_a_key_that_an_earlier_version_did_not_write_is_said_to_be_missing():
+    said = r"^p\.nc: lacks something \(missing: 'parameters'\); sample again$"
+    with pytest.raises(InputError, match=said), parsing("p.nc", "lacks something", "sample again"):
+        raise KeyError("parameters")
+
+
 @pytest.mark.parametrize("kind", [NameError, AssertionError, ImportError])
 def test_a_defect_of_the_program_is_not_the_files(kind):
     with pytest.raises(kind), parsing("a.mat", "is none", "save it again"):
