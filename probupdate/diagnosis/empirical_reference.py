@@ -60,20 +60,21 @@ def look(
     blocks: Blocks, sensors: Sequence[Sensor] = (), time_profile: np.ndarray | None = None
 ) -> EmpiricalReference:
     """The blocks as their own reference. Where something is known to change by `time_profile` (n_block,), what is
-    expected is what was before: where the time profile is zero."""
-    before = blocks if time_profile is None else blocks.select_blocks(np.flatnonzero(time_profile == 0))
-    axes = tuple(mean_plane_axes(before, q, sensors) for q in range(len(blocks.groups)))
+    expected is what was before: where the time profile is zero. Modes that were found only after it say nothing of the
+    change and are their own reference."""
+    value = np.zeros(len(blocks)) if time_profile is None else time_profile
     turning = turning_columns(blocks.angle_deg)
-    differences, used, mean = [], [], []
+    axes, differences, used, mean = [], [], [], []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])
+        before = there[value[there] == 0]
+        axes.append(mean_plane_axes(blocks.select_blocks(before if len(before) else there), q, sensors))
         members = list(group)
         y, independent = numbers_of_modes(
             blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q], ACROSS)
         # a pair that is not distinguished has shapes, but no tensor
         there, y = there[independent], y[independent]
-        beside = np.zeros((len(there), 0)) if time_profile is None else time_profile[there, None]
-        columns = np.column_stack([np.ones(len(there)), turning[there], beside])
+        columns = np.column_stack([np.ones(len(there)), turning[there], value[there] * bool(len(before))])
         slope = np.linalg.lstsq(columns, y, rcond=None)[0]
         full = np.zeros((len(blocks), y.shape[1]))
         full[there] = y - slope[0]
@@ -82,7 +83,7 @@ def look(
         ok[there] = True
         used.append(frozen_array(ok, bool))
         mean.append(modes_with(slope[0], axes[q]))
-    return EmpiricalReference(axes=axes, differences=tuple(differences), used=tuple(used), turning=turning,
+    return EmpiricalReference(axes=tuple(axes), differences=tuple(differences), used=tuple(used), turning=turning,
                               mean=tuple(mean))
 
 

@@ -118,6 +118,26 @@ def test_a_gain_that_changes_is_named_with_its_channel(validation):
     row.error(one.size_std, 0.01, "its standard deviation")
 
 
+def test_a_mode_found_only_after_a_gain_changed_says_nothing_of_it(record, validation):
+    row = validation(what="without a model, a gain that changes by 8 % half-way, one of the modes found from then on "
+                          "only: verdict, cause, channel, block; size in its standard deviations",
+                     reference="what was hidden")
+    data = record(11)
+    sets = list(data.sets)
+    for k, s in enumerate(sets):
+        f, shape = np.array(s.frequency_hz), np.array(s.shape)
+        if k < 20:
+            f[3], shape[:, 3] = np.nan, np.nan
+        else:
+            shape[2] *= 1.08
+        sets[k] = replace(s, frequency_hz=f, shape=shape)
+    found = diagnose_without_model(replace(data, sets=tuple(sets)))
+    (one,) = found.findings
+    row.equal((found.verdict, one.cause, one.location, one.time_profile_start),
+              ("named", "sensor gain", data.channels[2], sets[20].id), "name")
+    row.error((one.size - 0.08) / one.size_std, 4, "size")
+
+
 @pytest.mark.parametrize("channel", ["TP-B-y", "T90-y"])
 def test_a_channel_reversed_half_way_is_named_with_its_time(channel, validation):
     """Over the whole record it has no mean, and at the tower's top the pairs' axes turn with it."""
