@@ -4,6 +4,7 @@ its own form, refused where they cannot be right, and solved again beside what t
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.matrices import SPARSE_PARTS, load_matrices, read_archive
 from probupdate.structure.parameter_table import read_parameters, updated_parameters
 from probupdate.structure.plausible_size import implausible_size
-from probupdate.structure.schema import Number, Positive, Table, nearest
+from probupdate.structure.schema import Number, Positive, Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,10 +154,13 @@ def _read_files(files: Sequence[Path]) -> ProgramMatrices:
 
 
 def _model_matrices(path: Path, content: dict[str, np.ndarray]) -> ProgramMatrices:
-    """K and M of a model.npz at the initial values of the parameters.toml beside it, and its other arrays as they
-    are."""
+    """K and M of a model.npz at the initial values of the parameters.toml beside it (at 1 of the factor on all
+    stiffness that was written where no parameters were named), and its other arrays as they are."""
     table = path.with_name("parameters.toml")
-    parameters = read_parameters(table)
+    parameters = read_parameters(table) if table.exists() or not _is_default(content) else None
+    if _is_default(content) and (parameters is None or "stiffness" not in parameters.names):
+        table = path
+        parameters = updated_parameters(tomllib.loads(_parameters_text(Groups()))["parameter"], str(path))
     model = load_matrices(path, parameters, table=table)
     stiffness, mass = model.matrices(parameters.initial)
     node = direction = None
@@ -168,6 +172,13 @@ def _model_matrices(path: Path, content: dict[str, np.ndarray]) -> ProgramMatric
         node, direction = number[content["dof_node"]], np.asarray(content["dof_direction"]).astype(int) + 1
     return ProgramMatrices(stiffness=stiffness, mass=mass, node=node, direction=direction, model_arrays={
         key: value for key, value in content.items() if not key.startswith(MATRIX_KEYS)})
+
+
+def _is_default(content: dict[str, np.ndarray]) -> bool:
+    """Whether K is nothing but a factor 'stiffness' times a matrix, and M constant."""
+    scaled = {key.removesuffix(part) for key in content if key.startswith(("K_", "M_")) for part in SPARSE_PARTS
+              if key.endswith(part)}
+    return scaled == {"K_stiffness"} and not np.any(content.get("K0_data", 1.0))
 
 
 def write_matrices(
@@ -183,10 +194,14 @@ def write_matrices(
     asked = Groups() if groups is None else _groups(Path(groups))
     table = _parameters_text(asked)
     # several models of one folder share what is the same
-    if beside.exists() and read_text(beside) != table:
+    former = read_text(beside) if beside.exists() else table
+    if former not in (table, _parameters_text(Groups())):
         raise InputError(str(beside), f"already exists, with other parameters than {out.name} would have",
                          f"write {out.name} into another folder, or remove it")
     notes: list[str] = []
+    if former != table:
+        notes.append(f"{beside} held the factor on all stiffness that is written where no parameters are named: "
+                     "replaced; models that were written with it still serve as base and runs")
     kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
     arrays = _channels_and_places(asked, base, str(groups or files[0]), notes)
@@ -402,13 +417,26 @@ def _channels(asked: Groups, base: ProgramMatrices, where: str, notes: list[str]
         axis = c.direction.lstrip("-")
         key = (c.node, AXES.index(axis) + 1)
         if key not in number:
-            there = sorted(AXES[d - 1] for n, d in number if n == c.node)
-            raise InputError(f"{where}: channel {c.name}", f"node {c.node} has no free row along {axis}",
-                             f"free there: {', '.join(there)}" if there else
-                             f"node {nearest(str(c.node), {str(n) for n, _ in number})}")
+            raise _no_row(base, f"{where}: channel {c.name}", c.node, axis)
         rows.append(number[key])
         signs.append(-1.0 if c.direction.startswith("-") else 1.0)
     return [c.name for c in asked.channel], np.array(rows), np.array(signs)
+
+
+def _no_row(base: ProgramMatrices, where: str, node: int, axis: str) -> InputError:
+    """What to say where no row is that node's along that axis: a file of matrices alone knows no node that is held."""
+    moving = np.unique(base.node)
+    span = f"nodes that move have numbers {moving[0]} to {moving[-1]}"
+    there = [AXES[d - 1] for d in sorted(base.direction[base.node == node])]
+    if there:
+        return InputError(where, f"node {node} has no free row along {axis}", f"free there: {', '.join(there)}")
+    if node in (base.place or {}):
+        return InputError(where, f"node {node} has no free row: it is held, or follows another node",
+                          f"name a node that moves; {span}")
+    if base.place:
+        return InputError(where, f"the model has no node {node}", f"correct node; {span}")
+    return InputError(where, f"no row is of node {node}: the model does not have it, or it is held there",
+                      f"correct node; {span}")
 
 
 def _row_name(base: ProgramMatrices, row: int) -> str:

@@ -210,6 +210,15 @@ def test_a_channel_at_a_held_node_says_what_is_free(tmp_path):
         probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
 
 
+@pytest.mark.parametrize(("node", "words"), [
+    (1, "node 1 has no free row: it is held"), (999, "the model has no node 999; correct node; .* 2 to 9")])
+def test_a_channel_at_no_row_tells_a_held_node_from_none(tmp_path, node, words):
+    calculix_files(tmp_path, "job", *chain())
+    (tmp_path / "groups.toml").write_text(f'[[channel]]\nname = "a"\nnode = {node}\ndirection = "x"\n')
+    with pytest.raises(InputError, match=words):
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
 def test_a_live_model_of_opensees_keeps_its_frequencies(tmp_path, ops):
     ops.wipe()
     ops.model("basic", "-ndm", 2, "-ndf", 3)
@@ -249,9 +258,33 @@ def test_models_of_one_folder_share_their_parameters(tmp_path, ops):
     for name in ("base", "more"):
         model_of_opensees(ops, tmp_path / f"{name}.npz")
     assert load_model(tmp_path / "more.npz").parameters.names == ("stiffness",)
-    (tmp_path / "groups.toml").write_text(RUNS_OF_MODELS)
+
+
+def test_parameters_that_the_package_wrote_itself_give_way(tmp_path):
+    """Base and runs lie in one folder with groups.toml, and the model may be written again."""
+    calculix_files(tmp_path, "job", *chain())
+    calculix_files(tmp_path, "more", *chain(1.5))
+    for name in ("job", "more"):
+        probupdate.matrices(tmp_path / f"{name}.sti", tmp_path / f"{name}.npz")
+    (tmp_path / "groups.toml").write_text(
+        GROUPS[GROUPS.index("[[parameter]]"):].split("runs")[0] + 'runs = [{ file = "more.npz", value = 1.5 }]\n')
+    for again in (False, True):
+        result = probupdate.matrices(tmp_path / "job.npz", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+        assert any("replaced" in note for note in result.notes) is not again
+        found = load_model(tmp_path / "model.npz").solve(np.array([2.2]), 4)
+        np.testing.assert_allclose(found.frequency_hz, frequencies(*chain(2.2))[:4], rtol=1e-9)
+        (tmp_path / "model.npz").unlink()
+
+
+def test_parameters_that_somebody_edited_are_not_replaced(tmp_path):
+    calculix_files(tmp_path, "job", *chain())
+    calculix_files(tmp_path, "more", *chain(1.5))
+    probupdate.matrices(tmp_path / "job.sti", tmp_path / "job.npz")
+    table = tmp_path / "parameters.toml"
+    table.write_text(table.read_text().replace("cov = 0.1", "cov = 0.2"))
+    (tmp_path / "groups.toml").write_text(GROUPS.replace(', { file = "less.sti", value = 0.8 }', ""))
     with pytest.raises(InputError, match="with other parameters than model.npz would have"):
-        probupdate.matrices(tmp_path / "base.npz", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
 
 
 def test_elements_of_opensees_are_the_models_lines(tmp_path, ops):
