@@ -361,8 +361,10 @@ def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
         raise InputError(str(path),
-                         "stresses need members: those of a turbine's model.toml, or of a SubDyn model's TOML",
-                         "leave --fatigue out, or describe the structure in one of them")
+                         "has no members, and stresses are of members: matrices and a SubDyn file alone have none",
+                         "`probupdate export` without --fatigue hands on what it has; for stresses describe the "
+                         "structure as model.toml (`probupdate template`) or by SubDyn files with a TOML "
+                         "(docs/formats/model.md), then update and sample that")
 
 
 def _fatigue(files: _Files, given: FatigueInput | None, whole: FatigueModel | None, model: Model, drawn: DrawnModels,

@@ -11,7 +11,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.modal.modes import ModalData, read_modes
-from probupdate.reporting.run_files import finished_places
+from probupdate.reporting.run_files import finished_places, run_places
 from probupdate.runtime.progress import Progress, silent
 from probupdate.verbs.models import parts_elsewhere
 
@@ -79,8 +79,11 @@ def stresses(
     from probupdate.updating.posterior_file import read_posterior
 
     folder = Path(run)
-    places = finished_places(folder, parts_elsewhere(**elsewhere))
-    refuse_without_members(places["model"])
+    given = parts_elsewhere(**elsewhere)
+    # before it sends anybody to sample that model
+    if "model" in (there := run_places(folder, given)):
+        refuse_without_members(there["model"])
+    places = finished_places(folder, given)
     records = read_campaign(campaign)
     if unknown := [c for c in without or () if c not in records.channels]:
         raise InputError("--without", f"'{unknown[0]}' is not a channel of {campaign}",

@@ -310,6 +310,15 @@ def test_the_model_may_lie_outside_the_run(case, capsys, tmp_path, monkeypatch, 
     assert words in capsys.readouterr().err
 
 
+def test_matrices_are_refused_before_a_posterior_is_asked_for(case, capsys, tmp_path, monkeypatch):
+    folder, _ = case
+    monkeypatch.chdir(folder)
+    (tmp_path / "model.npz").write_bytes(b"")
+    assert main(["stresses", "campaign", "--run", str(tmp_path), "--fatigue", "fatigue.toml", "--out", "new"]) == 2
+    words = capsys.readouterr().err
+    assert "has no members" in words and "probupdate sample" not in words
+
+
 def test_channels_that_are_not_the_models_are_an_error(case, capsys, tmp_path):
     folder, _ = case
     other = tmp_path / "campaign"
