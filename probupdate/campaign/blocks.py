@@ -38,9 +38,9 @@ class Block:
     """data (n_sample, n_channel) in SI units, NaN for every sample that was not measured: nothing is drawn over gaps.
 
     missing (n_channel,) share of samples lost; impossible (n_channel,) number of those that were there but beyond
-    LARGEST_SI, or a number that stands for lost ones; repeated, filled (n_channel,) share of samples that only repeat
-    the one before, or lie on a straight line drawn over a gap (`gaps`), lost too; excluded: why the block cannot be
-    used, empty where it can; notes: what was done to it.
+    LARGEST_SI, or a number that stands for lost ones: marker (n_channel,), NaN where there is none; repeated, filled
+    (n_channel,) share of samples that only repeat the one before, or lie on a straight line drawn over a gap (`gaps`),
+    lost too; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
     """
 
     start: pd.Timestamp
@@ -51,6 +51,7 @@ class Block:
     impossible: np.ndarray
     repeated: np.ndarray
     filled: np.ndarray
+    marker: np.ndarray | None = None
     excluded: str = ""
     notes: tuple[str, ...] = ()
 
@@ -232,11 +233,13 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
                          f"measures: {COUNTED_AS_LOST}")
     data[lost] = np.nan
+    marker = np.full(len(campaign.channels), np.nan)
     for c in gaps.with_markers(data):
         column, name = np.ascontiguousarray(data[:, c]), campaign.channels[c]
         for value in gaps.markers(column):
             at = column == value
             impossible[c] += at.sum()
+            marker[c] = value
             lost[at, c] = True
             data[at, c] = np.nan
             notes.append(f"{plural(int(at.sum()), 'sample')} of {name} at {value:.6g}, a number for lost ones: "
@@ -249,6 +252,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
         data=_make_read_only(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
+        marker=frozen_array(marker),
         repeated=frozen_array(repeated), filled=frozen_array(line), notes=tuple(notes),
         excluded=_exclusion_reason(campaign, covered, 1 - missing - repeated - line),
     )

@@ -109,9 +109,14 @@ def _sample_findings(name: str, rows: pd.DataFrame, n_block: int, common: float)
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
     if impossible := int(rows["impossible"].sum()):
         found_in = plural(int((rows["impossible"] > 0).sum()), "block")
-        found.append(f"{name} has {plural(impossible, 'sample')} beyond {LARGEST_SI:g} (SI) or at one number far more "
-                     f"often than beside it, in {found_in}: counted as lost; a damaged file, or a number that stands "
-                     "for lost samples")
+        said = [f"{float(x):.6g}" for x in pd.unique(rows["marker"].dropna())]
+        beyond = bool((rows["marker"].isna() & (rows["impossible"] > 0)).any())
+        kinds = [*([f"at {' and '.join(said)} (SI), far more often than beside it"] if said else []),
+                 *([f"beyond {LARGEST_SI:g} (SI)"] if beyond else [])]
+        cause = (f"a number that stands for lost samples: lost = [{', '.join(said)}] in convert.toml, where that made "
+                 "the records, says so (in the unit of its files)" if said else "a damaged file")
+        found.append(f"{name} has {plural(impossible, 'sample')} {' or '.join(kinds)}, in {found_in}: counted as lost; "
+                     f"{cause}")
     if clipped := int(rows["clipped"].sum()):
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())

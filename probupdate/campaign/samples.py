@@ -22,10 +22,10 @@ PARTS = 10
 
 
 def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
-    """A row per channel: missing, repeated, filled (shares) and impossible (samples, see `Block`), longest_gap_s, rms
-    and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI: the mean of the last
-    tenth less that of the first, the range of the tenths' means, the standard deviation about them), spikes and
-    clipped (samples), still_s (longest run of one value), flat."""
+    """A row per channel: missing, repeated, filled (shares), impossible (samples) and marker (see `Block`),
+    longest_gap_s, rms and offset (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI: the
+    mean of the last tenth less that of the first, the range of the tenths' means, the standard deviation about them),
+    spikes and clipped (samples), still_s (longest run of one value), flat."""
     data, rate = block.data, block.sampling_rate_hz
     n_channel = data.shape[1]
     known = np.isfinite(data)
@@ -56,6 +56,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
     return pd.DataFrame({
         "id": block.id, "channel": channels, "missing": block.missing, "impossible": block.impossible,
+        "marker": np.nan if block.marker is None else block.marker,
         "repeated": block.repeated, "filled": block.filled, "longest_gap_s": gap,
         **columns, **counts, "still_s": still, "flat": flat,
     })

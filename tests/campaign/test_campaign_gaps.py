@@ -136,4 +136,5 @@ def test_a_number_for_lost_samples_is_lost_and_said(tmp_path, value):
     assert f"of F2 at {value:.6g}, a number for lost ones: counted as lost" in first.notes[0]
     text = "\n".join(check(campaign).findings)
     assert "F2 lacks 10" in text or "F2 lacks 9." in text
-    assert "or at one number far more often than beside it" in text and "spike" not in text and "dead" not in text
+    assert f"at {value:.6g} (SI), far more often than beside it" in text and f"lost = [{value:.6g}]" in text
+    assert "spike" not in text and "dead" not in text
