@@ -18,7 +18,7 @@ from probupdate.campaign.mounting import Suspicion
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, name_levels
 from probupdate.campaign.rotor_lines import RateRatio
-from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.sensor_findings import OR_STRUCTURE, SIGMA, SensorFinding
 from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.campaign.stated import UNITS
 from probupdate.io.result_table import plural
@@ -209,7 +209,7 @@ def mounting_findings(
             where += f", from {compared[numbers[0]].id} to {compared[numbers[-1]].id}"
             # not before it, and in each from there on
             if numbers == list(range(numbers[0], len(compared))):
-                where += "; the structure may have changed then instead, `probupdate diagnose` weighs the two"
+                where += f"; {OR_STRUCTURE}"
         found.append(f"{sentence} ({where})")
     return found
 

@@ -15,7 +15,7 @@ from scipy import fft
 
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
 from probupdate.campaign.rigid_bodies import groups_at_one_place
-from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.sensor_findings import OR_STRUCTURE, SIGMA, SensorFinding
 from probupdate.campaign.spectra import (
     MOST_FREQUENCIES,
     SEGMENT_S,
@@ -41,9 +41,6 @@ TURNED = 3.0
 MOST_STEPS, MOST_TRIED = 8, 4
 # candidates whose residuals (sum of squared standard scores) are this close explain the records as well
 AS_WELL = 9.0
-# of sensors that change at one time, each by a factor of its own
-OF_STRUCTURE = ("; others change by other factors then, as where the structure changes (`probupdate diagnose` weighs "
-                "the two)")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -347,14 +344,14 @@ def gain_step_findings(steps: Sequence[_Change], ids: Sequence[str], channels: S
         error = float(np.sqrt(np.mean([s[3] ** 2 for s in group])))
         who = ", ".join(names)
         common, exchanged = len(names) > 1, len(inverse) == 1 == len(names)
-        besides = [s for s in steps if abs(s[1] - at) <= 1 and s not in group]
+        # neither a sign nor an exchange is the structure's; any other gain alone cannot tell
+        of_sensor = exchanged or size < 0
         message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} "
                    f"times what it was, from {ids[at]} on"
                    + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
                    + (f"; that of {inverse[0]} by the inverse, as if the two were exchanged" if exchanged else "")
-                   + (OF_STRUCTURE if besides and not exchanged and min(s[2] for s in (*group, *besides)) > 0 else "")
-                   + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
-                   "leave it out (leave_out in campaign.toml)")
+                   + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time"
+                   + (", or leave it out (leave_out in campaign.toml)" if of_sensor else f"; {OR_STRUCTURE}"))
         one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], alternatives=others,
                             message=message)
         found.append(one if size > 0 else replace(one, message=message.replace("the gain of", "the sign or gain of")))

@@ -8,6 +8,8 @@ import numpy as np
 
 # a size counts beyond so many standard deviations
 SIGMA = 4.0
+# of what one sensor does from a time on: a member that is lost there changes what its place moves by as well
+OR_STRUCTURE = "the structure may have changed then instead, `probupdate diagnose` weighs the two"
 
 
 def std_left_out(every: np.ndarray) -> np.ndarray:
