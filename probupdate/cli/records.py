@@ -91,7 +91,7 @@ def run_select(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.select(
         a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, std_from=a.std_from,
-        rated_power_kw=a.rated_power, count=a.count)
+        rated_power_kw=a.rated_power, count=a.count, since=a.since, before=a.before)
     answer(a, result, result.write(a.out))
 
 
@@ -206,6 +206,8 @@ def _add_modes(verb: AddCommand) -> None:
     p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
                    help="the turbine's, for turbine states from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
+    p.add_argument("--since", metavar="TIME", help="only sets that begin then or later (UTC, ISO 8601)")
+    p.add_argument("--before", metavar="TIME", help="only sets that begin earlier: of one state, say, before a step")
     p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
     p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")

@@ -33,6 +33,32 @@ CAMPAIGN, OWN = "campaign", "identification"
 FALSE_ODD = 1e-3
 
 
+def sets_between(data: ModalData, since: str | None = None, before: str | None = None) -> ModalData:
+    """The sets that begin at `since` (UTC, ISO 8601) or later and before `before`. Raises InputError where the sets are
+    not named by times, a limit is no time, or none is left."""
+    limits = {}
+    for name, text in (("since", since), ("before", before)):
+        if text is not None:
+            try:
+                limits[name] = pd.to_datetime(text, utc=True, format="ISO8601")
+            except (ValueError, TypeError):
+                raise InputError(f"--{name}", f"'{text}' is not a time", "write it as 2025-11-03T12:00Z, UTC") from None
+    if not limits:
+        return data
+    try:
+        time = pd.to_datetime([s.id for s in data.sets], utc=True, format="ISO8601")
+    except (ValueError, TypeError):
+        raise InputError("--since, --before", f"sets such as {data.sets[0].id} are not named by times",
+                         "name sets by their start in UTC, ISO 8601") from None
+    kept = tuple(s for s, t in zip(data.sets, time, strict=True)
+                 if t >= limits.get("since", t) and ("before" not in limits or t < limits["before"]))
+    if not kept:
+        raise InputError("--since, --before", f"no set is left of those from {time.min()} to {time.max()}",
+                         "choose times within these")
+    reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
+    return replace(data, sets=kept, reference_set=reference)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Selection:
     """data: the chosen sets in the order of time, `reference_set` the most consistent.

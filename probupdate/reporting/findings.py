@@ -36,6 +36,9 @@ FAR_SHIFT = 2.0
 
 
 # what is wrong with an update of sets before and after a change, which the answer has said already
+# how one state of several is updated
+ONE_STATE = ("Update each state by itself: `probupdate select MODES --before TIME --out before.json`, or `--since TIME`, "
+             "keeps its sets.")
 NEITHER_STATE = "update and posterior are of neither state"
 
 
@@ -168,7 +171,7 @@ def _state_advice(content: Mapping) -> str:
     extension = content.get("extension") or {}
     mean = (extension.get("files") or {}).get("mean")
     if not mean:
-        return "Update the sets before and those after the change each by themselves."
+        return ONE_STATE
     model = content.get("extended_model") or "MODEL"
     return ("Update and sample the state after the change alone, with what was found in the model: `probupdate update "
             f"--model {model} --modes {mean}`, and `sample` likewise.")
@@ -182,9 +185,8 @@ def _step_findings(run: Run) -> list[Finding]:
     words = step_words(run)
     if not words or (run.diagnosis is not None and run.diagnosis["verdict"] != "unexplained"):
         return []
-    action = ("Run `probupdate diagnose` with this model and these sets: it says what changed, and has the parameters "
-              "before and after." if run.diagnosis is None else
-              "Update the sets before and those after the step each by themselves.")
+    action = ("Run `probupdate diagnose` with this model and these sets: it looks for what changed, and has the "
+              "parameters before and after." if run.diagnosis is None else ONE_STATE)
     return [Finding(level="warning", short="frequencies step between the sets, so that they are of neither state",
                     text=full_sentence(words), action=action)]
 

@@ -173,7 +173,8 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     columns += [Column(name="change", unit="%"), Column(name="identified", number=False)]
     columns += [Column(name="truth")] if known else []
     left = [p.name for p in update.parameters if p.name not in used]
-    note = f"Not to be read as measured: {', '.join(left)} (value equals the prior, or a bound)." if left else ""
+    note = (f"Not to be read as measured: {', '.join(left)} (the data say little of them, or a bound "
+            "holds).") if left else ""
     alone = f"these numbers are of {set_words(update.set_id)}"
     of_sets = update.settings.get(SETS, "").split(";")[0] or alone
     note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
@@ -231,8 +232,8 @@ def _caveats(run: Run) -> list[str]:
         return []
     kept = names_of(identifiabilities(run.update, run.posterior), PRIOR)
     kept = [name for name in kept if name not in _sizes_by_change(run)]
-    equals = "its value equals" if len(kept) == 1 else "their values equal"
-    return [f"{', '.join(kept)}: not identified by these data; {equals} the prior."] if kept else []
+    return [f"{', '.join(kept)}: not identified by these data, which leave nearly all of the prior's standard deviation."
+            ] if kept else []
 
 
 def _next_measurement(run: Run) -> list[str]:
@@ -447,14 +448,16 @@ def _frequency_table(update: UpdateRecord, posterior: Posterior | None) -> Table
 def _parameter_table(run: Run, update: UpdateRecord) -> Table:
     posterior = run.posterior
     found, after = identifiabilities(update, posterior), estimate(update, posterior)
+    meant = any(meaning(p, run.jacket) for p in update.parameters)
     rows = []
     for k, (p, s) in enumerate(zip(update.parameters, found, strict=True)):
-        row = [figures.unit_label(p.name, p.unit), meaning(p, run.jacket), s.words, number(p.initial),
-               number(after.theta[k])]
+        row = [figures.unit_label(p.name, p.unit), *([meaning(p, run.jacket)] if meant else []), s.words,
+               number(p.initial), number(after.theta[k])]
         if after.low is not None and after.high is not None:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
         rows.append((*row, decimal(s.width, 2), ("+" if s.shift > 0.005 else "") + decimal(s.shift, 1)))
-    columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="meaning", number=False),
+    columns = [Column(name="parameter", unit="[unit]", number=False),
+               *([Column(name="meaning", number=False)] if meant else []),
                Column(name="identifiability", number=False), Column(name="before"), Column(name="after")]
     columns += [Column(name="90 % interval")] if after.low is not None else []
     columns += [Column(name="width over prior", unit="-"), Column(name="standardised shift", unit="-")]

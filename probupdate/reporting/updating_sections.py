@@ -254,9 +254,10 @@ def _ratio(value: float, initial: float) -> str:
 
 def _parameter_table(update: UpdateRecord, jacket: bool, paper: bool) -> Table:
     relative = not np.all(update.parameters.initial == 0)
+    meant = any(meaning(p, jacket) for p in update.parameters)
     rows = []
     for k, p in enumerate(update.parameters):
-        row = [p.name, meaning(p, jacket), p.unit or "-", number(p.initial), number(p.std)]
+        row = [p.name, *([meaning(p, jacket)] if meant else []), p.unit or "-", number(p.initial), number(p.std)]
         for s in update.schemes:
             value = float(s.theta[-1, k])
             row.append(number(value) + (" *" if s.at_bound[k] else ""))
@@ -266,7 +267,7 @@ def _parameter_table(update: UpdateRecord, jacket: bool, paper: bool) -> Table:
             known = paper_tables.UPDATED.get(p.name)
             row += [number(known[3]), decimal(known[4], 2)] if known else ["", ""]
         rows.append(tuple(row))
-    columns = [Column(name="parameter", number=False), Column(name="meaning", number=False),
+    columns = [Column(name="parameter", number=False), *([Column(name="meaning", number=False)] if meant else []),
                Column(name="unit", number=False), Column(name="initial"), Column(name="prior standard deviation")]
     for s in update.schemes:
         columns.append(Column(name=short_name(s)))

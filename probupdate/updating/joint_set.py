@@ -79,8 +79,7 @@ def states_words(data: ModalData, ids: Sequence[str]) -> str:
     whose = {0: "before it: an update of them is of the state before",
              len(ids): "after it: an update of them is of the state after"}.get(
                  later, f"of both states, {len(ids) - later} before it and {later} after: their mean is of neither")
-    return (f"frequencies step at set {first} ({sizes}), and the sets kept are {whose}. `probupdate "
-            "diagnose` of all sets says what changed, with the parameters before and after")
+    return f"frequencies step at set {first} ({sizes}), and the sets kept are {whose}"
 
 
 def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:

@@ -155,8 +155,7 @@ def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> s
     is that of time."""
     first, sizes = first_after_step(data, used)
     return first and (f"frequencies step at set {first} ({sizes}): the structure changed there, and parameters "
-                      "from the mean of all sets are of neither state. `probupdate diagnose` says what changed, with "
-                      "the parameters before and after")
+                      "from the mean of all sets are of neither state")
 
 
 def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tuple[str, str]:

@@ -37,6 +37,9 @@ UNLIKE = "modes unlike the model's"
 SETS = "sets"
 # that frequencies step between them
 STEP = "step between the sets"
+# and what to do then
+STATES_ADVICE = ("`probupdate diagnose` of all sets looks for what changed; `probupdate select MODES --before TIME --out "
+                 "before.json`, or `--since TIME`, keeps the sets of one state")
 # what of earlier states is used, and how much of the model's error all states resolve
 BASELINE = "baseline"
 
@@ -195,7 +198,7 @@ def summary(record: UpdateRecord) -> str:
         lines.append("NOT TESTED: standard deviations this wide let any model fit, and its parameters are not to be "
                      "trusted")
     if STEP in record.settings:
-        lines.append(f"TWO STATES: {record.settings[STEP]}")
+        lines.append(f"TWO STATES: {record.settings[STEP]}. {STATES_ADVICE}")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     lines += [record.settings[key] for key in (SETS, BASELINE) if key in record.settings]

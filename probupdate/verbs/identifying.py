@@ -23,7 +23,7 @@ from probupdate.identification.proposal import propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
 from probupdate.identification.roving import MergedModes
-from probupdate.identification.selection import CAMPAIGN, Selection
+from probupdate.identification.selection import CAMPAIGN, Selection, sets_between
 from probupdate.identification.selection import select as select_sets
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.identification.setups import identify_setups as identify_campaigns
@@ -356,16 +356,20 @@ def select(
     std_from: str = CAMPAIGN,
     rated_power_kw: float | None = None,
     count: int = 9,
+    since: str | None = None,
+    before: str | None = None,
 ) -> Selection:
     """The sets an update may trust by the criteria of Table 1, and the most consistent one.
 
     preset: 'turbine' (Table 1) or 'structure', which asks nothing of rotor and nacelle. criteria: a TOML file with
-    thresholds other than the preset's. rated_power_kw: of the turbine, for the states derived
-    from `scada`; without, the highest power in it. std_from: see `identification.selection.select`.
+    thresholds other than the preset's. rated_power_kw: of the turbine, for the states derived from `scada`; without,
+    the highest power in it. std_from: see `identification.selection.select`. since, before: of the sets that begin at
+    that time (UTC, ISO 8601) or later, and before that one, as of one state of two.
     """
     from probupdate.updating.joint_set import states_words
+    from probupdate.updating.update_file import STATES_ADVICE
 
-    data = read_modes(modes)
+    data = sets_between(read_modes(modes), since, before)
     chosen = select_sets(
         data, read_scada(scada, rated_power_kw=rated_power_kw) if scada else None,
         count=count, std_from=std_from,
@@ -376,7 +380,7 @@ def select(
     states = states_words(replace(data, sets=tuple(passed), reference_set=None), [s.id for s in chosen.data.sets])
     if not states:
         return chosen
-    states = f"TWO STATES: {states}"
+    states = f"TWO STATES: {states}. {STATES_ADVICE}"
     return replace(chosen, notes=(states, *chosen.notes), summary=f"{states}\n{chosen.summary}")
 
 

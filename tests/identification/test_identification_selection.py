@@ -420,3 +420,20 @@ def test_select_says_from_which_state_its_sets_are(tmp_path, at, count, whose):
 
 def test_select_says_nothing_of_states_where_no_frequency_steps(tmp_path):
     assert "TWO STATES" not in probupdate.select(record_with_step(tmp_path, 12)).summary
+
+
+def test_sets_of_one_state_are_kept_by_their_time(tmp_path):
+    path = record_with_step(tmp_path, 6)
+    sets = read_modes(path).sets
+    before = probupdate.select(path, before=sets[6].id)
+    after = probupdate.select(path, since=sets[6].id, count=12)
+    assert {s.id for s in before.data.sets} == {s.id for s in sets[:6]}
+    assert {s.id for s in after.data.sets} == {s.id for s in sets[6:]}
+    assert "TWO STATES" not in before.summary + after.summary
+
+
+@pytest.mark.parametrize(("limits", "words"), [
+    ({"since": "noon"}, "'noon' is not a time"), ({"before": "1999-01-01"}, "no set is left of those from")])
+def test_limits_of_time_that_keep_no_set_are_refused(tmp_path, limits, words):
+    with pytest.raises(InputError, match=words):
+        probupdate.select(record_with_step(tmp_path, 6), **limits)
