@@ -44,15 +44,22 @@ def component_items(update: UpdateRecord) -> list[Element]:
 
 
 def _components_table(update: UpdateRecord, parts: ComponentsRecord, share: np.ndarray, total: np.ndarray) -> Table:
+    std, at_one = np.sqrt(np.diag(update.map_covariance)), np.sqrt(total)
+    averaged = not np.allclose(std, at_one, rtol=5e-3)
     columns = [Column(name="parameter", number=False), Column(name="unit", number=False),
                Column(name="standard deviation")]
+    columns += [Column(name="with the model's error of its most probable size")] if averaged else []
     columns += [Column(name=name, unit="%") for name in parts.names]
     rows = tuple(
-        (p.name, p.unit or "-", number(float(np.sqrt(total[k]))), *(percent(s, 0) for s in share[:, k]))
+        (p.name, p.unit or "-", number(float(std[k])), *([number(float(at_one[k]))] if averaged else []),
+         *(percent(s, 0) for s in share[:, k]))
         for k, p in enumerate(update.parameters)
     )
-    return Table(caption="Components of each parameter's variance", columns=tuple(columns), rows=rows,
-                 note="Shares of the variance at the MAP; a row adds up to 100 %.")
+    note = "Shares of the variance at the MAP; a row adds up to 100 %."
+    if averaged:
+        note += (" They are those with the model's error of its most probable size; the standard deviation is averaged "
+                 "over the sizes that it may have.")
+    return Table(caption="Components of each parameter's variance", columns=tuple(columns), rows=rows, note=note)
 
 
 def _measures_table(update: UpdateRecord, parts: ComponentsRecord) -> Table:

@@ -513,8 +513,10 @@ def test_a_single_parameter_and_a_short_chain_make_a_page(full_run, undrawn):
     assert "Of 1 parameter the data identify" in html
 
 
-def test_components_stand_with_what_to_measure_next(full_run, monkeypatch):
-    """Shares by hand: 3 and 4 of a total of 5 are 36 and 64 %; a component of nothing is not drawn."""
+@pytest.mark.parametrize(("std", "stated"), [(5.0, ("5.00",)), (6.0, ("6.00", "5.00"))])
+def test_components_stand_with_what_to_measure_next(full_run, monkeypatch, std, stated):
+    """Shares by hand: 3 and 4 of a total of 5 are 36 and 64 %; a component of nothing is not drawn. Averaged over the
+    sizes of the model's error the standard deviation is another."""
     from probupdate.reporting import figures
     from probupdate.updating.update_file import ComponentsRecord
 
@@ -529,11 +531,12 @@ def test_components_stand_with_what_to_measure_next(full_run, monkeypatch):
     drawn = {}
     draw = figures.variance_shares
     monkeypatch.setattr(figures, "variance_shares", lambda *a: drawn.update(given=a) or draw(*a))
-    with_parts = replace(full_run, update=replace(full_run.update, components=parts))
+    with_parts = replace(full_run, update=replace(full_run.update, components=parts,
+                                                       map_covariance=std**2 * np.eye(n)))
     section = update_section(with_parts)
     found = tables(section)
     row = found["Components of each parameter's variance"].rows[0]
-    assert row[2:] == ("5.00", "36", "0", "64")
+    assert row[2:] == (*stated, "36", "0", "64")
     assert list(drawn["given"][1]) == ["identification", "prior"] and np.allclose(drawn["given"][2].sum(axis=0), 1)
     assert found["What to measure next"].rows[0][:4] == ("sensor at T66", "25", "10", "\u2013")
     assert found["Fit of each response at the MAP"].marked == {0}
