@@ -37,8 +37,8 @@ FAR_SHIFT = 2.0
 
 # what is wrong with an update of sets before and after a change, which the answer has said already
 # how one state of several is updated
-ONE_STATE = ("Update each state by itself: `probupdate select MODES --before TIME --out before.json`, or `--since TIME`, "
-             "keeps its sets.")
+ONE_STATE = ("Update each state by itself: `probupdate select MODES --before TIME --out before.json`, or "
+             "`--since TIME`, keeps its sets.")
 NEITHER_STATE = "update and posterior are of neither state"
 
 

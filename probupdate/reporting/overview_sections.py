@@ -232,8 +232,8 @@ def _caveats(run: Run) -> list[str]:
         return []
     kept = names_of(identifiabilities(run.update, run.posterior), PRIOR)
     kept = [name for name in kept if name not in _sizes_by_change(run)]
-    return [f"{', '.join(kept)}: not identified by these data, which leave nearly all of the prior's standard deviation."
-            ] if kept else []
+    return [f"{', '.join(kept)}: not identified by these data, which leave nearly all of the prior's standard "
+            "deviation."] if kept else []
 
 
 def _next_measurement(run: Run) -> list[str]:

@@ -38,8 +38,8 @@ SETS = "sets"
 # that frequencies step between them
 STEP = "step between the sets"
 # and what to do then
-STATES_ADVICE = ("`probupdate diagnose` of all sets looks for what changed; `probupdate select MODES --before TIME --out "
-                 "before.json`, or `--since TIME`, keeps the sets of one state")
+STATES_ADVICE = ("`probupdate diagnose` of all sets looks for what changed; `probupdate select MODES --before TIME "
+                 "--out before.json`, or `--since TIME`, keeps the sets of one state")
 # what of earlier states is used, and how much of the model's error all states resolve
 BASELINE = "baseline"
 
