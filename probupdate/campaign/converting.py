@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -37,8 +38,8 @@ MOST_NAMED = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """files: the records written, in order; kept: those an earlier run had written; notes: what was done to gaps, times
-    and numbers, one sentence each."""
+    """files: the records written, in order of time; kept: those an earlier run had written; notes: what was done to
+    gaps, times and numbers, one sentence each."""
 
     files: tuple[Path, ...]
     kept: tuple[Path, ...]
@@ -80,7 +81,7 @@ def convert(
     words = repr((same, head.channels, head.sampling_rate_hz)).encode()
     written: list[Path] = []
     kept: list[Path] = []
-    notes: list[str] = []
+    notes: list[tuple[pd.Timestamp, list[str]]] = []
     unused: Counter[str] = Counter()
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
@@ -90,9 +91,9 @@ def convert(
         progress("converting files", number, len(found))
         before = [_state(p) for p in paths]
         key = _key(paths, words)
-        entry = record.get(name)
+        entry, removed = record.get(name), []
         if entry is not None and entry.get(UNFINISHED):
-            notes += _without_remains(folder, name, entry["key"], key)
+            removed = _without_remains(folder, name, entry["key"], key)
             entry = None
         if entry is not None:
             if entry["key"] != key:
@@ -119,10 +120,10 @@ def convert(
         _write_record(folder / RECORD, record)
         written += outputs
         samples += count
-        notes += [*said, *joined]
+        notes.append((own[0][0], [*removed, *said, *joined]))
         spans += [(a, b, name) for a, b in own]
     progress("converting files", len(found), len(found))
-    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples,
+    return Conversion(files=tuple(sorted(written)), kept=tuple(sorted(kept)), samples=samples,
                       notes=(*_notes_once(notes), *_unused_words(unused)))
 
 
@@ -212,10 +213,11 @@ def _write_record(path: Path, record: dict) -> None:
     write_json(path, dict(sorted(record.items())))
 
 
-def _notes_once(notes: Sequence[str]) -> list[str]:
-    """Each note 'file: what was done' once, with the number of files that share it where they are more than two."""
+def _notes_once(notes: Sequence[tuple[pd.Timestamp, list[str]]]) -> list[str]:
+    """Each note 'file: what was done' once, in order of the files' starts, with the number of files that share it where
+    they are more than two."""
     files: dict[str, list[str]] = {}
-    for note in notes:
+    for note in (text for _, texts in sorted(notes, key=itemgetter(0)) for text in texts):
         name, _, text = note.partition(": ")
         files.setdefault(text or note, []).append(name if text else "")
     found = []

@@ -688,3 +688,13 @@ def test_what_was_done_to_many_files_alike_is_said_once(job):
             raw / f"r{hour}.csv", index=False)
     (said,) = [note for note in convert(raw, campaign).notes if "g was turned into m/s2" in note]
     assert said.startswith("4 files (r0.csv to r3.csv): ")
+
+
+def test_files_and_notes_are_in_order_of_time(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    data = np.where(np.arange(600)[:, None] == 5, np.nan, noise(600))
+    for name, start in (("01.07.2019", "2019-07-01T10:00:00Z"), ("03.06.2019", "2019-06-03T10:00:00Z")):
+        table(data, [t.isoformat() for t in stamps(600, pd.Timestamp(start))]).to_csv(raw / f"{name}.csv", index=False)
+    found = convert(raw, campaign)
+    assert [p.name[:8] for p in found.files] == ["20190603", "20190701"]
+    assert [note[:10] for note in found.notes if "are lost" in note] == ["03.06.2019", "01.07.2019"]
