@@ -13,6 +13,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
 from probupdate.io.json_rows import from_table
 from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.modal.modes import set_words
 from probupdate.updating.identifiability import (
     BLIND,
     DRAWS,
@@ -125,9 +126,8 @@ def compare(
     Raises InputError where the two belong to different problems: other model, data, weights or prior.
     """
     if update.fingerprint != posterior.fingerprint:
-        differ = "other parameters" if update.parameters.names != posterior.names else "another model, set or weights"
         raise InputError(
-            "the posterior", f"does not fit the update: it is of {differ}",
+            "the posterior", f"does not fit the update: it is of {_difference(update, posterior)}",
             "run `update` and `sample` with the same --model, --modes, --set and weights",
         )
     draws = posterior.draws
@@ -304,6 +304,20 @@ def _otherwise_at_the_map(update: UpdateRecord, rows: tuple[ComparisonRow, ...])
     other = [f"{r.name} {kinds[r.name]}" for r in rows if kinds[r.name] != r.identified]
     return [f"{GAUSSIAN}, as `update` has it, {', '.join(other)}: it knows neither bounds nor skewness, the draws do"
             ] if other else []
+
+
+def _difference(update: UpdateRecord, posterior: Posterior) -> str:
+    """What the posterior is of that the update is not, as far as both files name it."""
+    if update.parameters.names != posterior.names:
+        return f"other parameters: {', '.join(posterior.names)}; the update of {', '.join(update.parameters.names)}"
+    weights = update.settings.get("weights")
+    named = [(set_words(str(posterior.record.get("set_id", update.set_id))), set_words(update.set_id)),
+             (f"model {posterior.record.get('model', update.model)}", f"model {update.model}"),
+             # which a set of its own may change
+             (f"weights '{posterior.record.get('weights', weights)}'", f"weights '{weights}'")]
+    said = next((f"{its}, the update of {own}" for its, own in named if its != own), None)
+    return said or ("the same set, and of another model of that name, prior or modes file, or of other numbers for "
+                    "the weights")
 
 
 def write_comparison(comparison: Comparison, path: str | Path) -> Path:

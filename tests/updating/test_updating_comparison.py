@@ -1,6 +1,7 @@
 """Where the estimators part: verdicts, distances and words on posteriors whose answers are known."""
 
 import json
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -240,10 +241,21 @@ def test_derived_quantities_have_the_mean_and_cov_of_the_draws(update):
 
 def test_a_posterior_of_another_problem_is_refused(update):
     draws = gaussian_draws(update)
-    with pytest.raises(InputError, match="does not fit the update: it is of another model, set or weights"):
+    with pytest.raises(InputError, match="does not fit the update: it is of the same set, and of another model of"):
         compare(update, posterior_of(update, draws, fingerprint="other"))
-    with pytest.raises(InputError, match="it is of other parameters"):
+    with pytest.raises(InputError, match="it is of other parameters: a, b, d; the update of a, b, c"):
         compare(update, posterior_of(update, draws, fingerprint="other", names=("a", "b", "d")))
+
+
+@pytest.mark.parametrize(("record", "words"), [
+    ({"set_id": "9 of 9 sets", "weights": "own"}, "it is of 9 of 9 sets, the update of set {update.set_id}"),
+    ({"model": "job"}, "it is of model job, the update of model {update.model}"),
+    ({"weights": "paper"}, "it is of weights 'paper', the update of weights '"),
+], ids=["set", "model", "weights"])
+def test_what_another_posterior_is_of_is_named(update, record, words):
+    other = posterior_of(update, gaussian_draws(update), fingerprint="other", record=record)
+    with pytest.raises(InputError, match=re.escape(words.format(update=update))):
+        compare(update, other)
 
 
 def test_broken_files_are_one_line(comparison, tmp_path):
