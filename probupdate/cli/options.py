@@ -100,7 +100,9 @@ def add_modes_options(p: argparse.ArgumentParser, one: bool = True) -> None:
     p.add_argument("--fix", type=fixed_parameter, nargs="+", metavar="NAME=VALUE", action="extend",
                    help="hold parameters at these values, such as k_p=1.0, and update the others")
     if one:
-        p.add_argument("--set", help="id of one set to use alone (default: all comparable sets together)")
+        p.add_argument("--set", help="id of one set that the numbers are of (default: all comparable sets "
+                       "together); `update` still repeats for every set, whose scatter `report`, `compare` "
+                       "and `export` use")
     weights = p.add_mutually_exclusive_group()
     weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
                          help="W_Lambda from the file's standard deviations (default), from their full covariance "
