@@ -146,13 +146,9 @@ def examine(
     unexplained = (fits < ADEQUATE or beyond_chance or explored.one_more or silent or far or beyond or foreign
                    or _is_distorted_by_others(problem, fitted) or not fitted.settled or (lost and not findings))
     verdict = "unexplained" if unexplained else verdict_of([*findings, *day])
-    details: dict[str, dict | list[str]] = {"adequacy": remaining, **error_without(problem, chosen)}
-    if verdict == "unexplained":
-        # what a fit shows that does not follow the record is nothing to say
-        details["nearest"] = [f.name for f in (*findings, *day)]
     diagnosis = Diagnosis(
         verdict=verdict,
-        findings=() if verdict == "unexplained" else (*findings, *day),
+        findings=(*findings, *day),
         p_value=_p_value(problem, null, first, seed) if findings else _p_without_findings(first, fits, day),
         detectable_sizes=_detectable_sizes(problem, first, null),
         threshold=first.threshold,
@@ -175,8 +171,10 @@ def examine(
             *_strays(problem, fitted),
         ),
         parameters=parameters,
-        details=details,
+        details={"adequacy": remaining, **error_without(problem, chosen)},
     )
+    if verdict == "unexplained":
+        diagnosis = diagnosis.left_unexplained()
     return Outcome(diagnosis=diagnosis, proposed=tuple(findings), problem=problem, null=null, fitted=fitted,
                    first=first, last=found, own_response=own_response)
 

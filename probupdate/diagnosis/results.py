@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -125,10 +125,7 @@ class Diagnosis:
                         ("on held-out blocks", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in lines_of if text]
         lines += [f"  to split them: {s}" for s in self.splits]
-        nearest = self.details.get("nearest")
-        if nearest:
-            lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
-        lines += [f"  {s}" for s in wording.free_form_words(content)]
+        lines += [f"  {s}" for s in (wording.nearest_words(content), *wording.free_form_words(content)) if s]
         level = ("odds of ten over nothing" if self.details.get("without_model")
                  else f"{100 * FALSE_ALARM:g} % of false alarms")
         alarms = "" if content["threshold"] is None else f" ({level})"
@@ -148,6 +145,13 @@ class Diagnosis:
                          f"{f', and the modes that belong to it: {mean}' if mean else ''}")
         lines += [f"  {s}" for s in self.extension.get("statements", ())]
         return "\n".join(lines)
+
+    def left_unexplained(self) -> Diagnosis:
+        """The same with what was found as what comes nearest, in words: cause, size, time profile, probability."""
+        content = self.content()
+        nearest = [f"{wording.finding_words(f, content)}, {wording.cause_probability_words(f)}"
+                   for f in content["findings"]]
+        return replace(self, verdict="unexplained", findings=(), details={**self.details, "nearest": nearest})
 
     def content(self) -> dict:
         """As in diagnosis.json."""

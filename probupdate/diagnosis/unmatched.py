@@ -121,10 +121,9 @@ def with_unmatched(found: Diagnosis, modes: Sequence[UnmatchedMode]) -> Diagnosi
         return found
     notes = {unmatched_words(one.record): _words(one) for one in modes}
     explained = [one for one in modes if one.content]
-    details = dict(found.details)
     if any(one.instead for one in explained):
-        details["nearest"] = [f.name for f in found.findings]
-        found = replace(found, verdict="unexplained", findings=())
+        found = found.left_unexplained()
+    details = dict(found.details)
     if explained:
         details["free_form"] = explained[0].content | {
             "parts": [part for one in explained for part in one.content["parts"]]}

@@ -81,6 +81,13 @@ def finding_words(finding: Mapping, content: Mapping) -> str:
     return f"{name_of(finding)}: {size_words(finding, content)}, {profile}"
 
 
+def nearest_words(content: Mapping) -> str:
+    """What was found where it is not enough: its words of `Diagnosis.left_unexplained`; "" where there is nothing."""
+    nearest = content["details"].get("nearest")
+    return "" if not nearest else ("nearest in the catalogue, but not enough (what it states is not established): "
+                                   f"{'; '.join(nearest)}")
+
+
 def size_words(finding: Mapping, content: Mapping) -> str:
     """"+12.0 +- 0.9 %"; of the model's own parameters the values before and after, "from 1.29 to 0.91 (-29 +- 3 %)"."""
     size, std, unit = finding["size"], finding.get("size_std"), finding["unit"]

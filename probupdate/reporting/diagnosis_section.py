@@ -115,14 +115,14 @@ def _actions(content: Mapping, included: bool) -> list[Element]:
         if check:
             statements.append(f"{wording.name_of(f)}: {check}.")
     statements += [typeset_with_stop(s) for s in content.get("splits", ())]
-    nearest = content["details"].get("nearest")
+    nearest = wording.nearest_words(content)
     if content["verdict"] == "unexplained" and content["parameters"]:
         missing = ("they were fitted to a channel that is wrong" if wording.channel_response_actions(content) else
                    "find what is missing in the model first")
         statements.append(f"Do not read the updated parameters as properties of the structure: {missing}. The maps "
                           "below show where model and measurement part.")
     if content["verdict"] == "unexplained" and nearest:
-        statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
+        statements.append(typeset_with_stop(nearest))
     statements += [typeset_with_stop(s) for s in wording.free_form_words(content)]
     if included:
         statements.append("Update and posterior of this run have the findings in them.")

@@ -1,6 +1,7 @@
 """Whole diagnoses of a model made of matrices: what is hidden is named, what is not there is not."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -187,6 +188,14 @@ def test_crosstalks_taken_up_after_a_search_take_no_part_in_the_test_of_its_resi
     assert there == pytest.approx(p, abs=0.01) and its == pytest.approx(parts, rel=1e-6)
 
 
+def test_what_is_found_but_not_enough_is_said_with_its_size_and_time(stepped):
+    found = stepped[2].diagnosis
+    (one,), left = found.findings, found.left_unexplained()
+    (nearest,) = left.details["nearest"]
+    assert (left.verdict, left.findings) == ("unexplained", ()) and nearest in left.summary
+    assert nearest.startswith(f"{one.name}: from ") and f"from {one.time_profile_start} on" in nearest
+
+
 def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
     from probupdate.diagnosis import hypotheses as module
     from probupdate.errors import ConvergenceError
@@ -200,7 +209,9 @@ def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepa
 
     monkeypatch.setattr(module, "fitted_without_candidates", unsettled)
     found = diagnose(prepared, record(5, gain=("y4", 1.12)))
-    assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
+    (nearest,) = found.details["nearest"]
+    percent, std = map(float, re.match(r"sensor gain, y4: (\S+) \+- (\S+) %, all through the record", nearest).groups())
+    assert found.verdict == "unexplained" and abs(percent - 12) < 3 * std
     assert any("did not converge" in note for note in found.notes)
 
 
