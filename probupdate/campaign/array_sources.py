@@ -14,7 +14,7 @@ import numpy as np
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
-from probupdate.campaign.reading import nearest
+from probupdate.campaign.reading import suggest
 from probupdate.campaign.stated import UNIT_KEYS, ChannelStatement, OwnWords, keyed_rate, texts_of, unit_in
 from probupdate.campaign.table_sources import COLUMNS, FEWEST, PIECE, ROWS
 from probupdate.errors import InputError, parsing
@@ -117,7 +117,7 @@ def _variable(arrays: Arrays, d: Description, wanted: str | int, what: str) -> s
         unread = next((u for u in arrays.unread if u.split(" ")[0] == str(wanted)), None)
         raise InputError(f"{arrays.path}, {what}",
                          f"there is no variable '{wanted}'" if unread is None else f"{unread} is not read",
-                         f"{d.column_remedy(what)}; {nearest(str(wanted), arrays.names[:40])}")
+                         f"{d.column_remedy(what)}; {suggest(str(wanted), arrays.names[:40])}")
     return str(wanted)
 
 

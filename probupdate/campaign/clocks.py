@@ -53,7 +53,7 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
     kept = np.ones(len(frequency), bool)
     for low, high in () if avoid_hz is None else avoid_hz:
         kept &= (frequency < low) | (frequency > high)
-    pairs = [(i, j) for i in range(n) for j in range(i) if _comparable(sensors[i], sensors[j])]
+    pairs = [(i, j) for i in range(n) for j in range(i) if _are_comparable(sensors[i], sensors[j])]
     matrix, value, weight, bent = [], [], [], []
     for i, j in pairs:
         found = _pair_delay(spectra, i, j, kept)
@@ -97,7 +97,7 @@ def drifts(
         return found
     unit = np.exp(1j * np.angle(lines))
     for i in np.flatnonzero(wanted):
-        partners = [j for j in np.flatnonzero(~wanted) if _comparable(sensors[i], sensors[j])]
+        partners = [j for j in np.flatnonzero(~wanted) if _are_comparable(sensors[i], sensors[j])]
         each = [_pair_drift(unit[:, :, i] * unit[:, :, j].conj(), frequency[kept], length / 2 / rate_hz)
                 for j in partners]
         each = [r for r in each if r is not None]
@@ -141,7 +141,7 @@ def put_in_time(data: np.ndarray, rate_hz: float, delay_s: np.ndarray, drift: np
     return moved
 
 
-def _comparable(a: Sensor, b: Sensor) -> bool:
+def _are_comparable(a: Sensor, b: Sensor) -> bool:
     return abs(float(a.direction @ b.direction)) > ALONG
 
 
@@ -162,7 +162,7 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     weight = np.minimum(weight, 10 * np.median(weight[used]))
     double = np.zeros(len(frequency), complex)
     double[used] = weight[used] * np.exp(2j * np.angle(cross[used]))
-    delay = _steepest(double, frequency)
+    delay = _best_delay(double, frequency)
     phase = np.zeros(int(used.sum()))
     for _ in range(3):
         phase = np.angle(double[used] * np.exp(4j * np.pi * frequency[used] * delay)) / 2
@@ -182,7 +182,7 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     return delay, np.sqrt(float(mine @ phase**2) / (max(len(f) / 2, 1) * lever)) / (2 * np.pi)
 
 
-def _steepest(double: np.ndarray, frequency: np.ndarray) -> float:
+def _best_delay(double: np.ndarray, frequency: np.ndarray) -> float:
     """Delay that gathers the doubled phases best; frequencies are multiples of their step.
 
     The smallest delay within a tenth of the best is taken: a narrow band repeats itself every half period.

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
 from probupdate.campaign.name_pattern import name_pattern
-from probupdate.campaign.reading import nearest
+from probupdate.campaign.reading import suggest
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.io.schema import Length, Range, table_as
@@ -126,7 +126,7 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
         for channel in getattr(described, key):
             if channel not in channels:
                 raise InputError(f"{path}, {key}", f"'{channel}' is not a channel of campaign.toml",
-                                 nearest(channel, channels))
+                                 suggest(channel, channels))
     columns = {c: described.columns.get(c, c) for c in channels}
     twice = [c for c in channels if list(columns.values()).count(columns[c]) > 1]
     if twice:

@@ -141,12 +141,12 @@ def gain_steps(
         tried = []
         if reversed_at is not None:
             c, at, factor = reversed_at
-            tried = [_undone(density, series, weight, (c,), at, factor)]
+            tried = [_remove_steps(density, series, weight, (c,), at, factor)]
         for c in order[:MOST_TRIED] if not tried else ():
             if abs(every[c].score) > 0.5 * SIGMA:
-                tried.append(_undone(density, series, weight, (c,), every[c].at))
+                tried.append(_remove_steps(density, series, weight, (c,), every[c].at))
                 # those of one place may have one logger
-                tried += [_undone(density, series, weight, g, every[c].at) for g in place
+                tried += [_remove_steps(density, series, weight, g, every[c].at) for g in place
                           if c in g and able[list(g)].all() and not any(t[1] == g for t in tried)]
         tried = [t for t in tried if abs(t[3] - 1) > SIGMA * t[4]]
         if not tried:
@@ -300,7 +300,7 @@ def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
     return (c, int(places[k]), -float(size[k, c])) if gained[c] > TURNED else None
 
 
-def _undone(
+def _remove_steps(
     density: np.ndarray, series: np.ndarray, weight: np.ndarray, members: tuple[int, ...], at: int, start: float = 1.0
 ):
     """(what is left of all channels' steps, members, at, factor, its standard deviation, density, series) with the gain

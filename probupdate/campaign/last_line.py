@@ -36,7 +36,7 @@ class _Beginning(io.RawIOBase):
         super().close()
 
 
-def beginning(path: Path, encoding: str, size: int) -> io.TextIOWrapper:
+def open_beginning(path: Path, encoding: str, size: int) -> io.TextIOWrapper:
     """The text of the first `size` bytes."""
     return io.TextIOWrapper(io.BufferedReader(_Beginning(path, size)), encoding=encoding, newline="")
 

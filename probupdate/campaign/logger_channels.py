@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description
-from probupdate.campaign.reading import nearest
+from probupdate.campaign.reading import suggest
 from probupdate.campaign.stated import SAME_RATE, ChannelStatement, OwnWords
 from probupdate.campaign.table_sources import PIECE
 from probupdate.errors import InputError
@@ -92,8 +92,8 @@ def join_on_one_clock(
 
     utc: False where the file states local times without their zone. Raises InputError for unequal rates (but for
     `decimate`), channels whose samples lie between each other's, and overlaps that differ."""
-    chosen = {channel: _chosen(found, column, where, d, channel) for channel, column in d.columns.items()}
-    clock = None if d.time in (None, OWN_TIME) else _chosen(found, d.time, where, d, "time")
+    chosen = {channel: _choose_channel(found, column, where, d, channel) for channel, column in d.columns.items()}
+    clock = None if d.time in (None, OWN_TIME) else _choose_channel(found, d.time, where, d, "time")
     own = _channel_statements(found, chosen, clock)
     if clock is not None:
         yield own
@@ -108,7 +108,7 @@ def join_on_one_clock(
         return
     own_start = _refuse_start(where, d, [s for c in chosen.values() for s in c.segments])
     notes: list[str] = []
-    even = {c.name: [e for s in c.segments for e in _even(c.name, s, d, rate_hz)] for c in chosen.values()}
+    even = {c.name: [e for s in c.segments for e in _split_at_gaps(c.name, s, d, rate_hz)] for c in chosen.values()}
     steps = _decimation(where, even, d, rate_hz)
     runs = [r for name, segments in even.items()
             for r in _join_segments(name, segments, steps[name] * rate_hz, d.overrule, notes)]
@@ -137,14 +137,14 @@ def _index(moments: np.ndarray, utc: bool) -> pd.DatetimeIndex:
     return pd.DatetimeIndex(moments.astype("datetime64[ns]"), tz="UTC" if utc else None)
 
 
-def _chosen(
+def _choose_channel(
     found: Sequence[LoggerChannel], wanted: str | int, where: str, d: Description, what: str
 ) -> LoggerChannel:
     same = found[wanted - 1: wanted] if isinstance(wanted, int) else [c for c in found if wanted in c.names]
     if len(same) != 1:
         known = tuple(c.name for c in (same or found)[:40])
         raise InputError(f"{where}, {what}", f"{len(same) or 'no'} channels are called '{wanted}'",
-                         f"{d.column_remedy(what)}; {nearest(str(wanted), known)}; files that hold a channel "
+                         f"{d.column_remedy(what)}; {suggest(str(wanted), known)}; files that hold a channel "
                          "each are read together by join_pattern")
     return same[0]
 
@@ -176,7 +176,7 @@ def _refuse_start(where: str, d: Description, segments: Sequence[Segment]) -> bo
     return False
 
 
-def _even(name: str, segment: Segment, d: Description, rate_hz: float) -> Iterator[Segment]:
+def _split_at_gaps(name: str, segment: Segment, d: Description, rate_hz: float) -> Iterator[Segment]:
     """The segment itself, or those into which the gaps of its times cut it."""
     moments = segment.moments
     if moments is None or len(moments) < 2:

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from probupdate.campaign.rigid_bodies import RIGID_SHARE, broken, motions, name_levels, rigid_motions
+from probupdate.campaign.rigid_bodies import RIGID_SHARE, explain_motion, motions, name_levels, rigid_motions
 from probupdate.campaign.sensor_lines import reversed_in_line, whole_line
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.evidence.gains import outside_share
@@ -64,14 +64,14 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     sensors = name_levels(sensors)
     power = np.einsum("fii->i", np.real(spectra.density))
     alive = [i for i in range(len(sensors)) if power[i] > 0]
-    set_aside = [*_dead(spectra, sensors, alive), *_find_copies(spectra, sensors, alive)]
+    set_aside = [*_dead_channels(spectra, sensors, alive), *_find_copies(spectra, sensors, alive)]
     alive = [i for i in alive if sensors[i].channel not in {c for s in set_aside for c in s.channels}]
     lowest = lowest_motion_hz(spectra, sensors, alive)
     if lowest is None:
         return set_aside
     level, mended = [], {}
     for members in _rigid_levels(sensors, alive):
-        for one in _rigid(spectra, sensors, members, lowest):
+        for one in _rigid_body_suspicions(spectra, sensors, members, lowest):
             level.append(one)
             if not one.ambiguous_with:
                 mended |= dict.fromkeys(one.channels, one)
@@ -105,11 +105,11 @@ def _lowest_lines(spectra: CrossSpectra, lowest: float) -> np.ndarray:
 def _rigid_levels(sensors: tuple[Sensor, ...], alive: list[int]) -> list[list[int]]:
     """Channels by level, horizontal and vertical ones apart, without lines that are the structure's length."""
     along = {"horizontal": [i for i in alive if _horizontal(sensors[i])],
-             "vertical": [i for i in alive if _vertical(sensors[i])]}
+             "vertical": [i for i in alive if _is_vertical(sensors[i])]}
     # apart, as vertical channels are often little more than noise
     apart = [m for some in along.values() for m in levels(sensors, some).values()]
     # oblique ones see both
-    oblique = {sensors[i].level for i in alive if not _horizontal(sensors[i]) and not _vertical(sensors[i])}
+    oblique = {sensors[i].level for i in alive if not _horizontal(sensors[i]) and not _is_vertical(sensors[i])}
     apart = [m for m in apart if sensors[m[0]].level not in oblique]
     apart += [m for level, m in levels(sensors, alive).items() if level in oblique]
     return [m for m in apart if not whole_line(sensors, m)]
@@ -149,7 +149,7 @@ def _horizontal(sensor: Sensor) -> bool:
     return abs(sensor.direction[2]) < 0.3
 
 
-def _vertical(sensor: Sensor) -> bool:
+def _is_vertical(sensor: Sensor) -> bool:
     return abs(sensor.direction[2]) > ALONG
 
 
@@ -168,7 +168,7 @@ def lowest_motion_hz(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: 
     return float(frequency[kept][np.argmax(np.sum(votes, axis=0))])
 
 
-def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
+def _dead_channels(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
     """Channels coherent with no other at any frequency; with few segments chance alone is coherent."""
     if len(alive) < 3 or spectra.n_segment < 30:
         return []
@@ -195,7 +195,7 @@ def _find_copies(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list
 # One level as a rigid body ------------------------------------------------------------------------------------------
 
 
-def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) -> list[Suspicion]:
+def _rigid_body_suspicions(spectra: CrossSpectra, sensors, members: list[int], lowest: float) -> list[Suspicion]:
     own = [sensors[i] for i in members]
     kept = (spectra.frequency_hz > LOWEST_HZ) & (spectra.frequency_hz < RIGID_UP_TO * lowest)
     samples = motions(spectra.density[kept][None, :, members][:, :, :, members])
@@ -209,7 +209,7 @@ def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) ->
     samples, motion = samples / scale, rigid_motions(own) / scale[:, None]
     if outside_share(samples, motion) < RIGID_SHARE:
         return []
-    found, share, before = broken(samples, motion, [(i,) for i in range(len(own))],
+    found, share, before = explain_motion(samples, motion, [(i,) for i in range(len(own))],
                                   list(combinations(range(len(own)), 2)))
     if share > MENDED_SHARE or share > MENDED_RATIO * before:
         return []
@@ -303,7 +303,7 @@ def _expected_directions(sensors, alive) -> np.ndarray:
         sensor = sensors[i]
         if _horizontal(sensor):
             found[row] = sensor.direction[:2]
-        elif _vertical(sensor):
+        elif _is_vertical(sensor):
             arm = sensor.position_m[:2] - centre[sensor.level]
             if np.hypot(*arm) > 0.5:
                 found[row] = -arm * np.sign(sensor.direction[2])

@@ -41,22 +41,22 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
         return
     some = np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)
     few = data[some]
-    for c in np.flatnonzero(_straight(few, some) | ~np.isfinite(few).all(axis=0)):
+    for c in np.flatnonzero(_are_straight(few, some) | ~np.isfinite(few).all(axis=0)):
         seen = np.flatnonzero(np.isfinite(few[:, c]))
-        if len(seen) > FEWEST and not _straight(few[seen, c][:, None], some[seen] - some[seen[0]])[0]:
+        if len(seen) > FEWEST and not _are_straight(few[seen, c][:, None], some[seen] - some[seen[0]])[0]:
             continue
         row = np.flatnonzero(np.isfinite(data[:, c]))
         if len(row) < FEWEST:
             continue
         column, rise = data[row, c], data[row[-1], c] - data[row[0], c]
-        if _straight(column[:, None], row - row[0])[0] and np.all(np.diff(column) * np.sign(rise) >= 0):
+        if _are_straight(column[:, None], row - row[0])[0] and np.all(np.diff(column) * np.sign(rise) >= 0):
             step = rise / (row[-1] - row[0])
             raise InputError(f"{where}, channel {channels[int(c)]}", f"its samples rise evenly, by {step:.6g} each: it "
                              "looks like the column of time, not like a record", "name another column for it "
                              "(convert.toml, [columns]), or correct the order of [[sensor]]")
 
 
-def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
+def _are_straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
     """(n_column,) whether each column of (n, n_column) is a straight line over `number` (n,) that is not level."""
     line = columns[0] + (columns[-1] - columns[0]) * number[:, None] / number[-1]
     extent = np.abs(columns[-1] - columns[0])
@@ -165,7 +165,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
             if not along and abs(away) < np.log(ACROSS_FACTOR):
                 continue
             near, beside = (float(np.median(spectrum[:, k] - np.median(spectrum[:, some], axis=1)))
-                            for some in (_nearest(k, sensors, like), along or like))
+                            for some in (_nearest_channels(k, sensors, like), along or like))
             if min(near * np.sign(away), beside * np.sign(away)) > np.log(MOST_FACTOR):
                 found[k] = float(np.exp(beside))
     return found
@@ -175,7 +175,7 @@ def _axis_peers(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[
     return [i for i in like if abs(sensors[i].direction @ sensors[k].direction) > PARALLEL]
 
 
-def _nearest(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
+def _nearest_channels(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
     """Those of `like` at the two places nearest to the channel's own, but for its own place."""
     distance = np.round([np.linalg.norm(sensors[i].position_m - sensors[k].position_m) for i in like], 6)
     others = np.unique(distance[distance > 0])[:2]

@@ -19,7 +19,7 @@ import pandas as pd
 
 from probupdate.campaign.last_line import refuse_unfinished
 from probupdate.campaign.mat_v5 import refuse_damaged
-from probupdate.campaign.reading import CampaignHead, nearest
+from probupdate.campaign.reading import CampaignHead, suggest
 from probupdate.campaign.uff_file import read_uff_modes
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import archive_arrays, input_file, read_toml
@@ -260,7 +260,7 @@ def _read_text(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
         if column is None:
             return np.full(len(table), np.nan)
         if column not in known:
-            raise InputError(f"{path}, {key}", f"there is no column '{column}'", nearest(column, known))
+            raise InputError(f"{path}, {key}", f"there is no column '{column}'", suggest(column, known))
         values = pd.to_numeric(table[column], errors="coerce")
         odd = np.flatnonzero(values.isna() & table[column].notna())
         if odd.size:
@@ -288,7 +288,7 @@ def _read_text(s: _Source) -> tuple[tuple[str, ...], list[_Raw]]:
                              "write its block, or take the row out")
         names = table[d.block].astype(str).to_numpy(object)
     else:
-        raise InputError(f"{path}, block", f"there is no column '{d.block}'", nearest(d.block, known))
+        raise InputError(f"{path}, block", f"there is no column '{d.block}'", suggest(d.block, known))
     rows = {name: np.flatnonzero(names == name) for name in dict.fromkeys(names)}
     return tuple(wanted), [_Raw(block=str(name), shape=shape[:, mine],
                                 **{key: value[mine] for key, value in columns.items()}) for name, mine in rows.items()]
@@ -370,7 +370,7 @@ def _read_arrays(s: _Source, arrays: Mapping[str, np.ndarray]) -> tuple[tuple[st
         if name is None or (key == "damping" and d.damping is None and name not in arrays):
             return None
         if name not in arrays:
-            raise InputError(f"{where}, {key}", f"there is no array '{name}'", nearest(name, tuple(arrays)[:40]))
+            raise InputError(f"{where}, {key}", f"there is no array '{name}'", suggest(name, tuple(arrays)[:40]))
         if arrays[name].dtype.kind not in ("iufc" if key == "shape" else "iuf"):
             raise InputError(f"{where}, {name}", f"is of the kind {arrays[name].dtype}", "save plain numbers")
         return arrays[name]

@@ -152,7 +152,7 @@ class Campaign:
         return np.array([UNITS[s.quantity][s.unit] * (-1 if s.channel in self.turned else 1) for s in self.sensors])
 
 
-def nearest(key: str, known: tuple[str, ...]) -> str:
+def suggest(key: str, known: tuple[str, ...]) -> str:
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
     if not known:
         return "there are none"
@@ -243,7 +243,7 @@ def _excluded_channels(where: Path, names: Sequence[str], channels: tuple[str, .
     """Channels that are in the files but not to be used, such as dead ones."""
     for name in names:
         if name not in channels:
-            raise InputError(f"{where}, leave_out", f"'{name}' is not a channel", nearest(name, channels))
+            raise InputError(f"{where}, leave_out", f"'{name}' is not a channel", suggest(name, channels))
     if len(set(names)) == len(channels):
         raise InputError(f"{where}, leave_out", "leaves no channel", "leave out fewer")
     return tuple(c for c in channels if c in names)

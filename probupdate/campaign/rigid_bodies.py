@@ -113,7 +113,7 @@ def wrong_gains(
     (`evidence.gains`), if the part is rigid with them. Of a group and all others by the inverse, which nothing
     distinguishes, the smaller is taken.
     """
-    taken, share, first = broken(samples, rigid_motions(sensors), groups, most=most)
+    taken, share, first = explain_motion(samples, rigid_motions(sensors), groups, most=most)
     if not taken or share > RIGID_SHARE:
         return [], first
     n = len(sensors)
@@ -122,7 +122,7 @@ def wrong_gains(
         for one, others in taken], share
 
 
-def broken(
+def explain_motion(
     samples: np.ndarray, motion: np.ndarray, groups: Sequence[tuple[int, ...]],
     pairs: Sequence[tuple[int, int]] = (), *, most: int = 3,
 ) -> tuple[list[tuple[Explanation, list[Explanation]]], float, float]:

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.last_line import beginning, unfinished_line
+from probupdate.campaign.last_line import open_beginning, unfinished_line
 from probupdate.campaign.scada_columns import COMPASS, ENDINGS, usable_columns
 from probupdate.campaign.stated import NOT_A_NUMBER
 from probupdate.errors import InputError, parsing
@@ -71,7 +71,7 @@ def read_scada(
     path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
     with parsing(str(path), "not a table", "write comma-separated columns with a header"):
         size, cut = unfinished_line(path)
-        with beginning(path, "utf-8", size) as stream:
+        with open_beginning(path, "utf-8", size) as stream:
             table = pd.read_csv(stream, dtype={"time": str}, low_memory=False)
     if "time" not in table:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)

@@ -44,7 +44,7 @@ def reversed_in_line(spectra: CrossSpectra, sensors: Sequence[Sensor], alive: Se
     found: Counter[int] = Counter()
     for members, place, sign in _lines(sensors, alive):
         density = spectra.density[:, members][:, :, members] * np.outer(sign, sign)
-        upright = _upright(sensors, members)
+        upright = _is_upright(sensors, members)
         shapes = _lowest_shapes(density, FEWEST_UPRIGHT if upright else FEWEST)
         if not shapes:
             continue
@@ -70,13 +70,13 @@ def _lines(sensors: Sequence[Sensor], alive: Sequence[int]) -> list[tuple[list[i
         first = sensors[left[0]].direction
         group = [i for i in left if abs(float(sensors[i].direction @ first)) > 0.9]
         left = [i for i in left if i not in group]
-        for members, along in _straight(sensors, group):
+        for members, along in _straight_lines(sensors, group):
             sign = np.sign([float(sensors[i].direction @ first) for i in members])
             found.append((members, along, sign))
     return found
 
 
-def _straight(sensors: Sequence[Sensor], group: list[int]) -> list[tuple[list[int], np.ndarray]]:
+def _straight_lines(sensors: Sequence[Sensor], group: list[int]) -> list[tuple[list[int], np.ndarray]]:
     """Straight lines of sensors (indices, in their order) at different places, with their coordinate."""
     position = np.array([sensors[i].position_m for i in group])
     extent = np.ptp(position, axis=0)
@@ -119,7 +119,7 @@ def _order_along_line(position: np.ndarray) -> tuple[np.ndarray, np.ndarray] | N
     return order, along[order]
 
 
-def _upright(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
+def _is_upright(sensors: Sequence[Sensor], members: Sequence[int]) -> bool:
     extent = np.ptp([sensors[i].position_m for i in members], axis=0)
     return bool(extent[2] > 2 * np.hypot(*extent[:2]) and abs(sensors[members[0]].direction[2]) < 0.3)
 

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description
-from probupdate.campaign.last_line import beginning, unfinished_line
-from probupdate.campaign.reading import nearest
+from probupdate.campaign.last_line import open_beginning, unfinished_line
+from probupdate.campaign.reading import suggest
 from probupdate.campaign.stated import (
     NOT_A_NUMBER,
     UNIT_KEYS,
@@ -65,7 +65,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
     names, units, skipped = _layout(path, d, head)
     if d.header and names is None:
         _refuse_other_head(path, d, skipped)
-    with beginning(path, d.encoding, size) as stream:
+    with open_beginning(path, d.encoding, size) as stream:
         with parsing(*said):
             table = pd.read_csv(
                 stream, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=sorted(skipped),
@@ -177,7 +177,7 @@ def _table_words(path: Path, d: Description, names: list, units: Sequence[str] |
 
 
 def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int], size: int) -> None:
-    with beginning(path, d.encoding, size) as stream:
+    with open_beginning(path, d.encoding, size) as stream:
         lines = (line for k, line in enumerate(stream) if k not in skipped)
         rows = csv.reader(lines, delimiter=d.separator, skipinitialspace=True)
         for row in rows:
@@ -280,5 +280,5 @@ def _column(path: Path, d: Description, names: Sequence, wanted: str | int, what
                              f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
                              f"give its separator in convert.toml: separator = {json.dumps(other)}")
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
-                         f"{d.column_remedy(what)}; {nearest(wanted, known)}")
+                         f"{d.column_remedy(what)}; {suggest(wanted, known)}")
     return list(names).index(wanted)

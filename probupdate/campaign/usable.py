@@ -48,14 +48,14 @@ def remedy(campaign: Campaign) -> str:
     files = block_files(campaign)
     starts = list(files)
     some = [starts[int(k)] for k in np.linspace(0, len(starts) - 1, min(LOOKED_AT, len(starts)))]
-    spoilt = [_spoilt(read_block(campaign, start, files[start])) for start in some]
+    spoilt = [_unusable_channels(read_block(campaign, start, files[start])) for start in some]
     alone, count = Counter(spoilt).most_common(1)[0]
     if not 0 < len(alone) < len(campaign.channels):
         return "run `probupdate check` to see what is missing"
     return f"{leave_out([campaign.channels[k] for k in alone])}: {count} of {len(some)} blocks can be used without it"
 
 
-def _spoilt(block: Block) -> tuple[int, ...]:
+def _unusable_channels(block: Block) -> tuple[int, ...]:
     """Columns that were hardly measured, or without any signal."""
     lost = block.measured < LEAST_MEASURED
     still = np.zeros(len(lost), bool)

@@ -182,7 +182,7 @@ def gather(
     together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
     shapes of single modes to compare. `alone`: modes that are compared by themselves whatever they are close to.
     """
-    sets, few, notes = _usable(data, where)
+    sets, few, notes = _usable_sets(data, where)
     sets, hours, more = _order_by_time(sets)
     notes += more
     frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))
@@ -259,7 +259,7 @@ def mode_words(r: ModeRecord) -> str:
     return f"mode {r.label} at {r.frequency_hz:.4g} Hz, in {r.found} of {r.blocks} sets"
 
 
-def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:
+def _usable_sets(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:
     """The sets with modes in which the nacelle hardly turned, whether they are few, and what to say of it; raises
     InputError where they show no noise."""
     notes = []

@@ -138,7 +138,7 @@ def examine(
         # what no row describes of a single channel is not a row's neighbour either
         own_response = channel_response_of_one(explored, runs)
     progress("diagnosing", most + 1, most + 1)
-    silent, lost, foreign = _silent(fitted), _missing_numbers_note(problem), _foreign(findings)
+    silent, lost, foreign = _silent_groups(fitted), _missing_numbers_note(problem), _other_part_statements(findings)
     parameters = tuple(_parameters(problem, null, fitted))
     day = _day(problem, fitted) if not findings else ()
     far = _extreme_parameters_note(parameters) + ([] if day else _implausible_temperature_note(problem, fitted))
@@ -165,7 +165,7 @@ def examine(
             *far,
             *foreign,
             *beyond,
-            *_short(fitted, [f.size_std for f in findings]),
+            *_short_size_statements(fitted, [f.size_std for f in findings]),
             *_open_questions(verdict, prepared, fitted),
             *(f"modes {problem.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent),
             *_strays(problem, fitted),
@@ -404,7 +404,7 @@ def chance_note(explored: Exploration) -> list[str]:
     ]
 
 
-def _silent(fitted: Fit) -> list[int]:
+def _silent_groups(fitted: Fit) -> list[int]:
     """Groups of which no block says anything at the fit."""
     return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
 
@@ -537,7 +537,7 @@ def _implausible_temperature_note(problem: DiagnosisProblem, fitted: Fit) -> lis
             f"{DAY_STD:g} degC (standard deviation) does not; with that column it is tested"]
 
 
-def _foreign(findings: Sequence[Finding]) -> list[str]:
+def _other_part_statements(findings: Sequence[Finding]) -> list[str]:
     """What to say of findings for which an elementary part that no row describes is more probable."""
     instead: dict[Hashable, list[tuple[Finding, Alternative]]] = {}
     for f in findings:
@@ -607,7 +607,7 @@ def _tolerances_noted(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     return result
 
 
-def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
+def _short_size_statements(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
     """Sizes that the fit left short of where its equations point, by a standard deviation that counts."""
     return [f"{n.effect.name}: the fit of its size stopped {short:.2g} {n.effect.unit} short of its linear solution; "
             "the interval includes that"

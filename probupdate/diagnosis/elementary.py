@@ -338,7 +338,7 @@ def replaceable_groups(included: Sequence[IncludedEffect]) -> list[tuple[int, ..
     return [chosen for count in range(1, len(each) + 1) for chosen in combinations(each, count) if at_once(chosen)]
 
 
-def _strongest(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:
+def _strongest_effect(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:
     """Of the effects of these numbers the one of the largest score: what stands in their place takes its time."""
     return max(numbers, key=lambda k: abs(hypothesis.z[k]))
 
@@ -353,7 +353,7 @@ def alternative_parts(
     Parts that do what one of the effects does are not estimated from it and are left out."""
     if not parts:
         return []
-    chief = _strongest(best, numbers)
+    chief = _strongest_effect(best, numbers)
     n, rest, lost = best.fitted.included[chief], best.fitted, 0.0
     for k in sorted(numbers, reverse=True):
         rest, more = without(problem, rest, k)
@@ -396,7 +396,7 @@ def _compare_part(
 ) -> tuple[float, float] | None:
     """ln evidence and ln prior of the most probable hypothesis with a part in place of these effects (`rest` is the fit
     without them), relative to it; None where the model has no modes there."""
-    chief = _strongest(best, numbers)
+    chief = _strongest_effect(best, numbers)
     profile = best.fitted.included[chief].time_profile
     wider, fitted = with_parts(problem, best.fitted, [part], (profile,))
     _, base = with_parts(problem, rest, [part], (profile,))
@@ -491,7 +491,7 @@ def _with_own_response(explored: Exploration, rows: tuple[int, ...], numbers: tu
     best, first = explored.hypotheses[0], len(explored.problem.effects)
     effects = mode_factor_effects(explored.problem, rows)
     profiles = explored.problem.time_profiles
-    profile = (best.fitted.included[_strongest(best, numbers)].time_profile if numbers else
+    profile = (best.fitted.included[_strongest_effect(best, numbers)].time_profile if numbers else
                next(one for one in profiles if one.kind == "constant"))
     problem = problem_with_effects(explored.problem, effects, [[profile]] * len(effects))
     base = replace(best.fitted, design=design_with_more(problem, best.fitted, first))

@@ -70,7 +70,7 @@ def extend(
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
     out = None if out is None else Path(out)
-    places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
+    places, unwritten = ({}, "") if out is None else _write_files(prepared, outcome, data, added, averaged, out)
     content = {
         "files": {key: places[key].name if key in places else None for key in ("model", "modes", "mean")},
         "added": [_added_table(added, n) | {"size_std": std}
@@ -103,7 +103,7 @@ def _command(verb: str, given: Mapping[str, object]) -> str:
                                              if value is not None)])
 
 
-def _written(
+def _write_files(
     prepared: Prepared, outcome: Outcome, data: ModalData, added: _AddedParameters, averaged: ModalData, out: Path
 ) -> tuple[dict[str, Path], str]:
     """The files that were written beside `out`, and why the model's was not where it could not be."""

@@ -404,7 +404,7 @@ def fitted_without_candidates(
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
         reach, way = _next_reach(reach, way, newton.way)
-        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before, reach)
+        trial = None if promised < FLAT else _step_downhill(problem, design, theta, included, newton, before, reach)
         if trial is not None:
             # a step that had to be shortened is not a small one
             step = _length(problem, design, theta, included, trial) / trial.share
@@ -442,7 +442,7 @@ def first_steps(
         newton = _newton(problem, design, theta, included, centred)
         misfit = design.misfit(residuals, design.held(len(problem.updated))) + penalty(problem, theta, included,
                                                                                        included)
-        trial = _downhill(problem, design, theta, included, newton, misfit)
+        trial = _step_downhill(problem, design, theta, included, newton, misfit)
         if trial is None:
             break
         theta, included, here, misfit = trial.theta, trial.included, trial.there, trial.misfit
@@ -487,7 +487,7 @@ def _newton(
 ) -> _Newton:
     """The step to where the linear equations have the most probable parameters and sizes within their bounds."""
     solved, n_own, updated = design.unknowns(centred), len(problem.updated), list(problem.updated)
-    free, change = _free(included), np.zeros(len(included))
+    free, change = _free_effects(included), np.zeros(len(included))
     size, ends = np.array([included[k].size for k in free]), [included[k].bounds for k in free]
     step = np.concatenate([prior_shift(problem, theta) + solved[:n_own], solved[design.sizes] - size])
     here = np.concatenate([theta[updated], size])
@@ -514,7 +514,7 @@ def _maximise_within_bounds(
     return np.clip(found.x, lower, upper), float(2 * found.cost)
 
 
-def _free(included: Sequence[IncludedEffect]) -> list[int]:
+def _free_effects(included: Sequence[IncludedEffect]) -> list[int]:
     """Numbers of the effects whose sizes are unknowns."""
     return [k for k, n in enumerate(included) if not n.effect.discrete]
 
@@ -530,7 +530,7 @@ class _Trial:
     share: float
 
 
-def _downhill(
+def _step_downhill(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
     newton: _Newton, before: float, reach: float = LONGEST,
 ) -> _Trial | None:
@@ -563,7 +563,7 @@ def _length(
     # what is left beyond the noise makes the posterior wider
     known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * max(1.0, trial.misfit / count))
     moved = np.abs(trial.theta[updated] - theta[updated])
-    grown = [abs(trial.included[k].size - included[k].size) for k in _free(included)]
+    grown = [abs(trial.included[k].size - included[k].size) for k in _free_effects(included)]
     return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
 
 

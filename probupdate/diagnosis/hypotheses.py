@@ -211,7 +211,7 @@ def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_se
         return []
     least = SHARE * max(tried[0].gain, 0.0)
     return [Move(candidates=(*here.candidates, t.candidate), theta=theta, promise=0.5 * t.gain,
-                 z=(*here.z, float(found.z[t.candidate])), included=(*included, _begun(problem, t)))
+                 z=(*here.z, float(found.z[t.candidate])), included=(*included, _initial_effect(problem, t)))
             for t in [t for t in tried if t.whole and t.gain > least][:MOST_MOVES]]
 
 
@@ -254,11 +254,11 @@ def _changed_together(problem: DiagnosisProblem, best: Hypothesis, first: Search
         return []
     return [Move(candidates=(*(best.candidates[i] for i in of_sensors), *(t.candidate for t in parts[:n])),
                  z=(*(best.z[i] for i in of_sensors), *(float(first.z[t.candidate]) for t in parts[:n])),
-                 included=(*kept, *(replace(_begun(problem, t), time_profile=since) for t in parts[:n])),
+                 included=(*kept, *(replace(_initial_effect(problem, t), time_profile=since) for t in parts[:n])),
                  theta=theta, promise=np.inf) for n in range(1, len(parts) + 1)]
 
 
-def _begun(problem: DiagnosisProblem, tried: TriedCandidate) -> IncludedEffect:
+def _initial_effect(problem: DiagnosisProblem, tried: TriedCandidate) -> IncludedEffect:
     effect = problem.effects[problem.which[tried.candidate, 0]]
     return IncludedEffect(effect=effect, time_profile=tried.time_profile, size=tried.size)
 

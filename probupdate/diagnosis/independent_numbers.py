@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.noise import MOST_FACTORINGS, SMALLEST_LOG, SMALLEST_SHAPE, Noise, usual
+from probupdate.diagnosis.noise import MOST_FACTORINGS, SMALLEST_LOG, SMALLEST_SHAPE, Noise, typical_differences
 from probupdate.runtime.arrays import frozen_array
 
 # groups of modes that are found in fewer of the blocks stay by themselves
@@ -187,5 +187,5 @@ def _scatter(values: np.ndarray, weight: np.ndarray, within: np.ndarray) -> np.n
     if len(rows) - 1 < DIFFERENCES_A_FREQUENCY * values.shape[1]:
         return within
     before, after = rows[:-1], rows[1:]
-    difference = usual((values[after] - values[before]) / np.sqrt(1 / weight[before] + 1 / weight[after]))
+    difference = typical_differences((values[after] - values[before]) / np.sqrt(1 / weight[before] + 1 / weight[after]))
     return difference.T @ difference / len(difference) + SMALLEST_LOG**2 * np.eye(difference.shape[1])

@@ -168,7 +168,8 @@ def estimate_noise(
         elif pattern is not None:
             found = _scale_pattern(pattern, differences[q], kinds[q])
         else:
-            found = _shrunk(differences[q]) if mixing is None else _common_variances(differences[q], kinds[q])
+            found = (_shrink_covariance(differences[q]) if mixing is None else
+                     _common_variances(differences[q], kinds[q]))
         covariances.append(found + np.diag(_least(m, n_log) ** 2))
     if mixing is not None:
         covariances = _add_mixing(covariances, differences, mixing)
@@ -240,10 +241,10 @@ def _differences(y: np.ndarray, weight: np.ndarray) -> np.ndarray:
     if len(rows) < FEWEST:
         return np.zeros((0, y.shape[1]))
     before, after = rows[:-1], rows[1:]
-    return usual((y[after] - y[before]) / np.sqrt(1 / weight[before] + 1 / weight[after])[:, None])
+    return typical_differences((y[after] - y[before]) / np.sqrt(1 / weight[before] + 1 / weight[after])[:, None])
 
 
-def usual(difference: np.ndarray) -> np.ndarray:
+def typical_differences(difference: np.ndarray) -> np.ndarray:
     """Differences of successive blocks (n, n_response) as they mostly are: a step of the structure, or one block gone
     wrong, is one large difference among many, and left out; where these are the half of all they are cut."""
     limit = 4.0 * np.maximum(np.median(np.abs(difference), axis=0) / 0.6745, 1e-300)
@@ -379,7 +380,7 @@ def agrees(covariance: np.ndarray, numbers: np.ndarray, n_log: int) -> bool:
     that is as stated ends at (1 + sqrt(p / n))^2 (Marchenko & Pastur 1967)."""
     if len(numbers) < 3:
         return True
-    difference = usual(np.diff(numbers, axis=0) / np.sqrt(2))
+    difference = typical_differences(np.diff(numbers, axis=0) / np.sqrt(2))
     covariance = _scale_pattern(covariance, difference, _kinds(len(covariance), n_log, apart=True))
     std = np.sqrt(np.diag(covariance))
     used = std > 0
@@ -429,7 +430,7 @@ def _shrink_towards(target: np.ndarray, sample: np.ndarray) -> np.ndarray:
     return root @ ((1 - share) * found + share * np.eye(len(found))) @ root.T
 
 
-def _shrunk(sample: np.ndarray) -> np.ndarray:
+def _shrink_covariance(sample: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of rows of mean zero, correlations shrunk by Schaefer & Strimmer's intensity."""
     n = len(sample)
     std = np.sqrt(np.mean(sample**2, axis=0))

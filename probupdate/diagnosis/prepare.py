@@ -67,7 +67,7 @@ class Prepared:
 
     def effects_on(self, channels: Sequence[str], highest_hz: float = np.inf) -> tuple[Effect, ...]:
         """The whole catalogue for a record of these channels, in their order, and of modes up to `highest_hz`."""
-        return (*_felt(self.effects, channels), *measurement_effects(channels, self.sensors, highest_hz),
+        return (*_observed_effects(self.effects, channels), *measurement_effects(channels, self.sensors, highest_hz),
                 *self.own)
 
 
@@ -136,7 +136,7 @@ def prepare(
                     sensors=placed, description=description)
 
 
-def _felt(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
+def _observed_effects(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
     """Without those that name channels of which the record has none, or the same as another's that is alike in all
     else."""
     known: set[tuple[object, ...]] = set()

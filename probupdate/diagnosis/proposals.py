@@ -92,7 +92,7 @@ class _AtOwnSizes:
     def at_best_size(self, t: TriedCandidate) -> TriedCandidate:
         """At that of all sizes tried that explains most."""
         effect = self.problem.effects[self.problem.which[t.candidate, 0]]
-        sizes = _about(effect, t.size) if effect.observe is None else sizes_of(effect)
+        sizes = _candidate_sizes(effect, t.size) if effect.observe is None else sizes_of(effect)
         if not sizes:
             return t
         gain = self.before - self.surprise(
@@ -170,7 +170,7 @@ def _pairs_exchanged(
     return result if any(a is not b for a, b in zip(result, centred, strict=True)) else None
 
 
-def _about(effect: Effect, size: float) -> list[float]:
+def _candidate_sizes(effect: Effect, size: float) -> list[float]:
     """Sizes on the side that a linear estimate points to, from half of the effect's standard deviation to as large as
     is allowed: a storey of eight times its stiffness changes the modes by no more than one of twice it promises."""
     end = effect.upper if size > 0 else effect.lower

@@ -92,7 +92,7 @@ def changes_of_sensors(
         more = _add_one_effect(case, best)
         if not number and more:
             judged = _judge_hypotheses(case, more)
-            sharper = _sharper(case, max(more, key=lambda one: judged.of[one.keys]))
+            sharper = _refine_step(case, max(more, key=lambda one: judged.of[one.keys]))
             if sharper.at != case.profile.at:
                 case, judged = replace(case, profile=sharper), None
                 more = _add_one_effect(case, best)
@@ -234,7 +234,7 @@ def _answer(
             for f, e in zip(findings, best.effects, strict=True)], best.blocks
 
 
-def _sharper(case: Case, one: PutRight) -> TimeProfile:
+def _refine_step(case: Case, one: PutRight) -> TimeProfile:
     """The step from which an effect of its size leaves least, by halved steps."""
     n, seen = len(case.blocks), replace(case.seen(one.blocks), profiles=())
     (effect,), (size,) = one.effects, one.size

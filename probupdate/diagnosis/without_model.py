@@ -201,7 +201,8 @@ def diagnose_without_model(
     changes, blocks, followed, total, left = _remove_changes(
         blocks, time_profiles, rows, whole, placed, share, progress)
     unexplained = [c for c in changes if c.finding is None]
-    answer, detectable_sizes = _steady(blocks, placed, (*rows, *whole), share, unexplained) if placed else (None, [])
+    answer, detectable_sizes = (_steady_shapes(blocks, placed, (*rows, *whole), share, unexplained) if placed else
+                                (None, []))
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
     detectable_sizes = [*_detectable_sizes(followed, share), *detectable_sizes]
     # by Markov's inequality: steps and drifts, and columns where any is stated, are each as probable before as nothing
@@ -287,7 +288,7 @@ def _step(
     return _sharpen_step(followed, best, known, sensors) if best.kind == "step" else None
 
 
-def _steady(
+def _steady_shapes(
     blocks: Blocks, placed: Sequence[Sensor], rows: Sequence[Effect], share: float, unexplained: Sequence[Change]
 ) -> tuple[LevelAnswer, list[DetectableSize]]:
     """Of the shapes before anything changed that has no cause: a mean of two states is neither's. With the minimum

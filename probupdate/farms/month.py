@@ -19,7 +19,7 @@ from probupdate.farms.records import changed_records, keep, read_kept, record_ta
 from probupdate.identification.block_store import forget_changed
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.files import read_json_table, write_json, write_text
-from probupdate.io.outputs import belonging
+from probupdate.io.outputs import companion_files
 from probupdate.io.schema import checked_table
 from probupdate.reporting import report as write_report
 from probupdate.updating.discrepancy import LikelihoodSettings
@@ -114,7 +114,7 @@ def still_finished(known: MonthState | None, farm: Farm, now: Mapping[str, str])
 
 def model_hash(model: Path) -> str:
     """Of the model's file and all that is read with it."""
-    return _hash(p.read_bytes() for p in sorted(set(belonging(model))) if p.is_file())
+    return _hash(p.read_bytes() for p in sorted(set(companion_files(model))) if p.is_file())
 
 
 def _hash(contents: Iterable[bytes]) -> str:

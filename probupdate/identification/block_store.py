@@ -514,7 +514,7 @@ def _read_head(path: Path) -> dict:
 
 
 def _refuse_other(folder: Path, found: dict, head: dict) -> None:
-    differ = [f"{key} {_short(found.get(key))} there, {_short(head[key])} here"
+    differ = [f"{key} {_shorten(found.get(key))} there, {_shorten(head[key])} here"
               for key in head if key not in ("settings", "channels") and found.get(key) != head[key]]
     there, here = found.get("settings") or {}, head["settings"]
     differ += [f"{key} {there.get(key)} there, {here[key]} here" for key in here if there.get(key) != here[key]]
@@ -532,6 +532,6 @@ def _channel_difference_text(there: list, here: list) -> list[str]:
     return [f"channel {a} there, {b} here"]
 
 
-def _short(value) -> str:
+def _shorten(value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 

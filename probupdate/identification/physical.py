@@ -304,7 +304,7 @@ def physical_modes(
     if len(candidates.block) == 0:
         raise _no_modes_error(where, n_block)
     persistence = _Persistence.of(settings, state, n_block, block_seconds)
-    swept, always = _swept(candidates, bands)
+    swept, always = _rotor_swept(candidates, bands)
     found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
     for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)),
                           key=lambda x: x.ln_frequency):
@@ -359,7 +359,7 @@ class _Persistence:
             inside = candidates.at(rows[mine])
             weight = _block_weight(inside, self.n_block)
             if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
-                    and _steady(inside, self.block_seconds)):
+                    and _is_steady(inside, self.block_seconds)):
                 found.append(_cluster(candidates, rows[mine], float(weight.sum())))
         return found
 
@@ -399,7 +399,7 @@ def _cluster(c: Candidates, rows: np.ndarray, weight: float) -> _Cluster:
                     damping=float(np.median(c.damping[rows])), weight=weight)
 
 
-def _steady(inside: Candidates, block_seconds: float) -> bool:
+def _is_steady(inside: Candidates, block_seconds: float) -> bool:
     """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as
     a wave's period does; asked of five blocks or more. What a record can show at best is the Cramer-Rao bound."""
     if np.ptp(np.quantile(inside.ln_frequency, [0.1, 0.9])) > LARGEST_SPREAD:
@@ -435,7 +435,7 @@ def _is_of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | No
     return bool(there.any() and np.mean(away <= WAVE_WIDTH) >= FOLLOWS)
 
 
-def _swept(c: Candidates, bands: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _rotor_swept(c: Candidates, bands: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """(n,) bool: candidates where multiples of the rotor's speed were in their block; and those whose frequency these
     sweep in nearly every block, so that being there says nothing."""
     swept = np.array([bool(is_within(np.exp(x)[None], bands[k])[0]) if len(bands[k]) else False
@@ -572,9 +572,9 @@ def _build_modes(
         plane = next((one for one in group if one.plane), None)
         if plane is None:
             direction = leading_direction(c.shape[:, rows], c.share[rows])
-            modes.append(_Mode(rows=rows, shape=_real(direction[:, None])[:, 0]))
+            modes.append(_Mode(rows=rows, shape=_real_shape(direction[:, None])[:, 0]))
             continue
-        basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
+        basis = _real_shape(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
         axes = shapes_along_axes(basis, sensors) if turns else None
         shapes, parts = (_resolve_by_nacelle(c, rows, axes, angle) if axes is not None
@@ -586,11 +586,11 @@ def _build_modes(
 
 def modes_from_groups(c: Candidates, groups: Sequence[np.ndarray], notes: tuple[str, ...]) -> PhysicalModes:
     """Modes of which it is stated which candidates (rows) each consists of, such as poles that were picked by hand."""
-    return _number_modes(c, [_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows])[:, None])[:, 0])
+    return _number_modes(c, [_Mode(rows=rows, shape=_real_shape(leading_direction(c.shape[:, rows])[:, None])[:, 0])
                              for rows in groups], notes)
 
 
-def _real(shape: np.ndarray) -> np.ndarray:
+def _real_shape(shape: np.ndarray) -> np.ndarray:
     real = np.real(rotate_to_real(shape))
     return real / np.linalg.norm(real, axis=0)
 
@@ -617,7 +617,7 @@ def _resolve_by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) ->
             higher.append(two[1])
     shapes = basis
     if lower:
-        own = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
+        own = _real_shape(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
         shapes = basis if mac(own[:, :1], own[:, 1:])[0, 0] > 0.8 else own
     alike = mac(c.shape[:, rows], shapes)
     first = alike[:, 0] >= alike[:, 1]

@@ -88,7 +88,7 @@ def propose(
         raise InputError(f"{where}, settings", "no peak stands out of the spectra, so no rate is proposed",
                          "state all three: --rate, at least twice the highest frequency of interest, --order and "
                          "--block-rows, such as 20 and 20")
-    inside, lines = _distinct(peaks, least=1 if looked < 3 else max(2, looked // 4))
+    inside, lines = _merge_peaks(peaks, least=1 if looked < 3 else max(2, looked // 4))
     above = inside[:0]
     recorded = min(c.sampling_rate_hz for c in campaigns)
     fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
@@ -163,7 +163,7 @@ def _running_median(line: np.ndarray, value: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(line, line[at], column) for column in median.T])
 
 
-def _distinct(peaks: Sequence[tuple[float, float]], least: int) -> tuple[np.ndarray, np.ndarray]:
+def _merge_peaks(peaks: Sequence[tuple[float, float]], least: int) -> tuple[np.ndarray, np.ndarray]:
     """Means of runs whose neighbours are closer than 3 %, those of `least` members or, where there is none, all; and of
     these the steady lines apart, unless there is nothing else."""
     frequency, varies = np.array(sorted(peaks)).T

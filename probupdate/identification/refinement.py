@@ -54,7 +54,7 @@ def refine_modes(
         one = fit(spectrum, Start(
             n_group=len(group), frequency_hz=poles.frequency_hz[place], damping_ratio=poles.damping_ratio[place],
             shape=real[:, place], level=level[place]), parts)
-        if one is not None and _bears(one, poles, group):
+        if one is not None and _may_replace(one, poles, group):
             found.append((group, one))
             taken[group] = True
     return _replace_modes(poles, found), frozen_array(taken, bool)
@@ -83,7 +83,7 @@ def groups(frequency_hz: np.ndarray, damping_ratio: np.ndarray, modes: np.ndarra
     return found
 
 
-def _bears(one: GroupFit, poles: ModePoles, group: list[int]) -> bool:
+def _may_replace(one: GroupFit, poles: ModePoles, group: list[int]) -> bool:
     """Whether the likelihood's modes may stand for those that the search began from."""
     f, zeta = poles.frequency_hz[group], poles.damping_ratio[group]
     f_std, zeta_std = (np.linalg.norm(factor[group], axis=1) for factor in (

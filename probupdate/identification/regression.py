@@ -95,7 +95,7 @@ def regress(
         raise InputError(f"regression of {response}", "times do not rise", "sort the blocks by time, each once")
     notes: list[str] = []
     there = np.isfinite(value)
-    names, columns = _usable(_round_about(covariates), there, notes)
+    names, columns = _usable_covariates(_round_about(covariates), there, notes)
     known = there & np.all([np.isfinite(c) for c in columns], axis=0) if names else there
     names, columns = _independent(names, columns, known, notes)
     _refuse_few(response, value[known], names)
@@ -245,7 +245,7 @@ def _wald(fit: _Fit, both: list[int], free: int) -> float:
     return float(stats.f.sf(statistic, 2, free))
 
 
-def _usable(covariates, there, notes) -> tuple[list[str], list[np.ndarray]]:
+def _usable_covariates(covariates, there, notes) -> tuple[list[str], list[np.ndarray]]:
     names, columns = [], []
     for name, column in covariates.items():
         column = np.asarray(column, float)

@@ -241,10 +241,10 @@ def _derivatives(band: _Band, state: _State, now: _FittedBand) -> np.ndarray:
     noise = np.exp(state.noise) * now.white @ band.colour @ now.white.conj().transpose(0, 2, 1)
     half = left[:, :, :, None] * beside[:, :, None, :]
     slope = band.distance[:, :, None] * (np.eye(len(band.colour)) - noise)
-    return np.concatenate([_real(half, twice=True), _real(np.stack([slope, noise]))])
+    return np.concatenate([_as_real(half, twice=True), _as_real(np.stack([slope, noise]))])
 
 
-def _real(matrix: np.ndarray, *, twice: bool = False) -> np.ndarray:
+def _as_real(matrix: np.ndarray, *, twice: bool = False) -> np.ndarray:
     """A Hermitian matrix as r^2 real numbers of the same norm; twice: of half of it, the sum with its adjoint."""
     r = matrix.shape[-1]
     a, b = _indices_above_diagonal(r)
@@ -310,7 +310,7 @@ def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
 def _information(band: _Band, now: _FittedBand, derivative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weighed = (derivative * np.sqrt(band.count)[:, None]).reshape(len(derivative), -1)
     information = weighed @ weighed.T
-    score = weighed @ (_real(now.error) * np.sqrt(band.count)[:, None]).ravel()
+    score = weighed @ (_as_real(now.error) * np.sqrt(band.count)[:, None]).ravel()
     # the elements of S and the noise have a wide prior
     std = np.concatenate([np.full(len(now.prior) - 2, FORCE_STD), [SLOPE_STD, NOISE_STD]])
     at = np.arange(len(score) - len(std), len(score))

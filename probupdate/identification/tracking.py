@@ -185,7 +185,7 @@ def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> 
         mine = np.flatnonzero(voting & (like.group == g))
         if not len(mine):
             continue
-        toward = _toward(poles.shape[:, mine], reference.shape[:, list(group)])
+        toward = _squared_cosines(poles.shape[:, mine], reference.shape[:, list(group)])
         for member, j in enumerate(group):
             own = score[mine] * toward[:, member]
             for n in np.unique(poles.order[mine]):
@@ -202,7 +202,7 @@ def _coordinates_in_members(shape: np.ndarray, members: np.ndarray) -> tuple[np.
     return basis.T @ shape, triangle
 
 
-def _toward(shape: np.ndarray, members: np.ndarray) -> np.ndarray:
+def _squared_cosines(shape: np.ndarray, members: np.ndarray) -> np.ndarray:
     """(n_pole, n_member) squared cosine of each shape with each member, within the members' space."""
     return mac(*_coordinates_in_members(shape, members))
 

@@ -225,11 +225,11 @@ def remove_stale(folder: str | Path) -> None:
 def _is_stale(part: Path) -> bool:
     found = re.fullmatch(r".*\.([^.]+)\.(\d{1,10})\.[0-9a-f]{8}", part.name.removesuffix(PART), re.DOTALL)
     if found and found[1] == host_name():
-        return not _alive(int(found[2]))
+        return not _is_alive(int(found[2]))
     return time.time() - part.lstat().st_mtime > OLD_S
 
 
-def _alive(process: int) -> bool:
+def _is_alive(process: int) -> bool:
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -26,7 +26,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
     if verb == "sample" and Path(out).suffix.lower() in (".json", ".csv", ".toml", ".html"):
         # another step's result, as a slip makes it
         raise InputError(out, "is no name for a posterior, which is a NetCDF file", "give one that ends in .nc")
-    read = {path for text in given for path in belonging(Path(text))}
+    read = {path for text in given for path in companion_files(Path(text))}
     folders = [Path(text).resolve() for text in given if _is(Path(text), "is_dir")]
     for target in partial_output(verb, Path(out)):
         place = _resolve(target)
@@ -48,7 +48,7 @@ def partial_output(verb: str, out: Path) -> Iterator[Path]:
         yield from (out.with_name("selection.csv"), out.with_name("selection.cov.csv"))
 
 
-def belonging(path: Path) -> Iterator[Path]:
+def companion_files(path: Path) -> Iterator[Path]:
     """A given path and what is read with it, as they are on the disk."""
     if not _is(path, "exists"):
         return

@@ -17,7 +17,7 @@ from pydantic import Field, Strict, ValidationError
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
-from probupdate.structure.schema import RANGES, NotNegative, Positive, Table, nearest
+from probupdate.structure.schema import RANGES, NotNegative, Positive, Table, suggest
 
 Real = Annotated[float, Strict()]
 
@@ -238,7 +238,7 @@ def read_conditions(path: str | Path) -> Conditions:
         problem, remedy = {
             "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
-                                nearest(str(first["loc"][-1]), condition_keys(Conditions))),
+                                suggest(str(first["loc"][-1]), condition_keys(Conditions))),
         }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))
         raise InputError(f"{path}: {key}", problem, remedy) from None
     for key, problem, remedy in _mistakes(conditions, path):
@@ -291,7 +291,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 yield (
                     f"{kind}[{k + 1}].curve",
                     f"'{item.curve}' is not a [curve] of the file",
-                    nearest(item.curve, c.curve),
+                    suggest(item.curve, c.curve),
                 )
             if not isinstance(item, Girth):
                 yield from _factor_mistakes(f"{kind}[{k + 1}]", item)

@@ -23,7 +23,7 @@ from probupdate.structure.coefficient import Values
 from probupdate.structure.description import Description
 from probupdate.structure.description import Section as Station
 from probupdate.structure.frame import Beam, Frame
-from probupdate.structure.schema import nearest
+from probupdate.structure.schema import suggest
 
 PLACES = 8
 SAME_POINT_M = 1e-5
@@ -205,7 +205,7 @@ def girth(frame: Frame, tapers: Mapping[str, Sequence[Station]], part: str, z_m:
         for end, node in enumerate((b.start, b.end))
     ]
     if not ends:
-        raise InputError(where, f"part '{part}' is not in the model", nearest(part, frame.parts))
+        raise InputError(where, f"part '{part}' is not in the model", suggest(part, frame.parts))
     gap, number, end = min(ends)
     b = frame.beams[number]
     if gap > REACH_M:

@@ -31,7 +31,7 @@ from probupdate.structure.load import load_model, matrices_file
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
-from probupdate.structure.subdyn_values import apply_values, unspeakable
+from probupdate.structure.subdyn_values import apply_values, inexpressible_parameters
 from probupdate.structure.subdyn_writing import NOT_WRITTEN, UNSPOKEN, NoWord
 from probupdate.structure.substructure import NothingBelow
 from probupdate.structure.turbine_frame import build_frame
@@ -178,7 +178,7 @@ def _model_files(
     path, values = drawn.path, drawn.values(k)
     if is_subdyn(path):
         written: dict[str, Model | bool] = {}
-        tower, odd = "tower" in read_toml(path), unspeakable(path)
+        tower, odd = "tower" in read_toml(path), inexpressible_parameters(path)
         if odd:
             said.append(f"models as SubDyn files: they cannot represent {', '.join(odd)}; see models/*/model.toml")
         else:

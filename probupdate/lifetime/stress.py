@@ -218,7 +218,7 @@ class StressModel:
     def _terms(self) -> tuple[tuple[np.ndarray, ...], ...]:
         """K_t, M_t (n_basis, n_basis), R_K,t, R_M,t (3 n_detail, n_basis), full."""
         V = np.eye(self.model.n_dof) if self.basis is None else self.basis
-        square = tuple(tuple(_congruent(X, V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
+        square = tuple(tuple(_congruence(X, V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
         return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
 
     def _matrices_at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -227,7 +227,7 @@ class StressModel:
         V = np.eye(self.model.n_dof) if self.basis is None else self.basis
         if 8 * V.shape[1] ** 2 * (len(self.model.stiffness) + len(self.model.mass)) > KEPT_BYTES:
             # a hundred parameters make hundreds of terms, on a large basis too many to keep
-            square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
+            square = [_symmetrise(V.T @ (X @ V)) for X in self.model.matrices(theta)]
             rows = ((rK, self.stiffness_rows), (rM, self.mass_rows))
             return (*square, *(sum(c * R for c, R in zip(r, own, strict=True)) @ V for r, own in rows))
         weight = (*self.model.coefficients(theta), rK, rM)
@@ -520,14 +520,14 @@ def _weighted_sum(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray
     return total
 
 
-def _congruent(X, V: np.ndarray) -> np.ndarray:
+def _congruence(X, V: np.ndarray) -> np.ndarray:
     """V^T X V, by the rows of X that hold something: most terms are of few elements."""
     rows = sparse.csr_array(X)
     held = np.flatnonzero(np.diff(rows.indptr))
     return V[held].T @ (rows[held] @ V)
 
 
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
+def _symmetrise(matrix: np.ndarray) -> np.ndarray:
     return 0.5 * (matrix + matrix.T)
 
 
@@ -559,7 +559,7 @@ def stress_model(
     updated = tuple(model.parameters.names)
     collected = _force_terms(frame, details, description.mesh.theory, updated, values)
     size = (3 * len(details), transform.shape[0])
-    rows = tuple(tuple(_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
+    rows = tuple(tuple(_as_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
     fixed = {name: value for name, value in values.items() if name not in updated}
     return StressModel(
         model=model,
@@ -603,7 +603,7 @@ def _force_terms(
     return collected
 
 
-def _sparse(entries, size) -> sparse.csr_array:
+def _as_sparse(entries, size) -> sparse.csr_array:
     rows = np.concatenate([np.repeat(r, len(d)) for r, d, _ in entries])
     columns = np.concatenate([np.tile(d, len(r)) for r, d, _ in entries])
     values = np.concatenate([m.ravel() for _, _, m in entries])

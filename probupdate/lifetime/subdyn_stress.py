@@ -26,7 +26,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.load import model_sensors
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.schema import nearest
+from probupdate.structure.schema import suggest
 from probupdate.structure.subdyn_frame import Element, SubDynFrame, build_subdyn_frame, cross_matrix, sizes_at
 from probupdate.structure.subdyn_model import (
     Coefficients,
@@ -93,7 +93,7 @@ class OpenedModel:
         """Ids of a group. Raises InputError where it is none of circular members."""
         groups = self.description.group
         if group not in groups:
-            raise InputError(where, f"there is no [group.{group}] in {self.path}", nearest(group, groups or {"(none)"}))
+            raise InputError(where, f"there is no [group.{group}] in {self.path}", suggest(group, groups or {"(none)"}))
         sort, ids = group_of(self.file, group, groups[group], self.path)
         kinds = {m.id: m.kind for m in self.file.members}
         odd = [id for id in ids if kinds.get(id) != "circular"] if sort == "members" else list(ids)

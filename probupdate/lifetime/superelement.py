@@ -93,7 +93,7 @@ def reduce_model(
         value, shape = lowest_modes(KLL, MLL, n_mode, whole.where)
     basis = np.zeros((K.shape[0], 6 + n_mode))
     basis[boundary, :6], basis[inner, :6], basis[inner, 6:] = motion, guyan, shape
-    stiffness, mass = (_symmetric(basis.T @ (X @ basis)) for X in (K, M))
+    stiffness, mass = (_symmetrise(basis.T @ (X @ basis)) for X in (K, M))
     # what is zero and one by construction
     stiffness[:6, 6:], stiffness[6:, :6], stiffness[6:, 6:] = 0.0, 0.0, np.diag(value)
     mass[6:, 6:] = np.eye(n_mode)
@@ -109,7 +109,7 @@ def reduce_model(
     )
 
 
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
+def _symmetrise(matrix: np.ndarray) -> np.ndarray:
     return 0.5 * (matrix + matrix.T)
 
 

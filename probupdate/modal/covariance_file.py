@@ -77,7 +77,7 @@ def opened_factors(modes_file: Path, name: object) -> Iterator[FactorsFile]:
         groups = {str(group.attrs.get("id")): name for name, group in file.items()}
         if file.attrs[CHECKSUM] != checksum_of_table({set_id: str(file[name].attrs.get(CHECKSUM))
                                                       for set_id, name in groups.items()}):
-            raise _damaged(path)
+            raise _damage_error(path)
         yield FactorsFile(path=path, state=_state(path), file=file, groups=groups)
 
 
@@ -121,9 +121,9 @@ def _open_store(path: Path) -> Any:
 def _arrays(path: Path, group: Any) -> dict[str, np.ndarray]:
     found = {key: group[key][()] for key in DATASETS if key in group}
     if checksum_of_arrays(found).hex() != group.attrs[CHECKSUM]:
-        raise _damaged(path)
+        raise _damage_error(path)
     return found
 
 
-def _damaged(path: Path) -> InputError:
+def _damage_error(path: Path) -> InputError:
     return InputError(str(path), "does not hold what was written: it was damaged or changed", AGAIN)

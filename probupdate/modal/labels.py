@@ -158,7 +158,7 @@ def number_labels(
     return tuple(labels)
 
 
-def unseen(shape: np.ndarray) -> np.ndarray:
+def hardly_seen(shape: np.ndarray) -> np.ndarray:
     """(n_mode,) bool: modes of unit modal mass, shape (n_channel, n_mode), that hardly move a sensor beside others."""
     size = np.linalg.norm(shape, axis=0)
     return size <= UNSEEN * size.max(initial=0.0)
@@ -168,7 +168,7 @@ def indistinguishable(labels: tuple[str, ...], frequency_hz: np.ndarray, shape: 
     """Sentences on modes that sensors, shape (n_channel, n_mode), do not see or do not distinguish."""
     if not len(shape):
         return ()
-    hidden = unseen(shape)
+    hidden = hardly_seen(shape)
     named = [f"{label} ({f:.4g} Hz)" for label, f in zip(labels, frequency_hz, strict=True)]
     said = [f"{name} moves none of the sensors" for name, none in zip(named, hidden, strict=True) if none]
     alike = mac(shape, shape)

@@ -159,7 +159,7 @@ def match(
     components = np.isfinite(measured).sum(axis=0)
     if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
         return _match_by_frequency(modal_set, solution.frequency_hz)
-    used, left_out = _usable(modal_set, measured, name, clusters)
+    used, left_out = _usable_modes(modal_set, measured, name, clusters)
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
     halves = {p[0] for p, c in zip(present, clusters, strict=True) if len(p) == 1 < len(c)}
@@ -183,7 +183,7 @@ def match(
     compared = _Comparison(where=modal_set.where, name=name, measured_hz=modal_set.frequency_hz, measured=measured,
                            computed_hz=solution.frequency_hz, computed=computed, criterion=criterion, clusters=clusters,
                            together=together, known=known, planes=planes, min_mac=min_mac)
-    chosen = _chosen(compared, partner, len(used), prior_cov, refuse=refuse)
+    chosen = _choose_pairing(compared, partner, len(used), prior_cov, refuse=refuse)
     partner, criterion, groups = chosen.partner, chosen.criterion, chosen.groups
     left_out += chosen.left_out
     if refuse and partner:
@@ -233,7 +233,7 @@ def _present(
     return [c for c in rest if c], [j for j in used if j not in found], found
 
 
-def _usable(
+def _usable_modes(
     modal_set: ModalSet, measured: np.ndarray, name: Sequence[str], clusters: Sequence[tuple[int, ...]]
 ) -> tuple[list[int], list[str]]:
     """Modes that can be compared, and what to say of those that cannot. measured (n_channel, n_mode), real shapes. A
@@ -503,12 +503,12 @@ def _group_partners(x: _Comparison, partner: dict[int, int]) -> _Grouping:
     return _Grouping(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))
 
 
-def _chosen(x: _Comparison, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouping:
+def _choose_pairing(x: _Comparison, partner: dict[int, int], n_used: int, prior_cov, *, refuse: bool) -> _Grouping:
     """The most probable pairing; unless it is for a picture, without what is uncertain or improbable in it."""
     found, others = _pair_groups(x, partner, n_used, prior_cov)
     if not refuse:
         return found
-    return _drop_unreachable(x, _certain(x, found, others, n_used) if others else found, n_used, prior_cov)
+    return _drop_unreachable(x, _keep_certain(x, found, others, n_used) if others else found, n_used, prior_cov)
 
 
 def _pair_groups(
@@ -537,7 +537,7 @@ def _pair_groups(
     return found, others
 
 
-def _certain(x: _Comparison, found: _Grouping, others: Sequence[tuple[ModeGroup, np.ndarray]],
+def _keep_certain(x: _Comparison, found: _Grouping, others: Sequence[tuple[ModeGroup, np.ndarray]],
              n_used: int) -> _Grouping:
     """Without the groups that another choice pairs differently. Raises InputError where more than half of the modes are
     such, or one alone is left: too little to know the structure by."""

@@ -130,7 +130,7 @@ def _sections(phi, mass, position, direction) -> tuple[np.ndarray, np.ndarray]:
     same = SAME_LEVEL * max(width, height)
     spread = max(OFF_AXIS * width, same)
     on_axis = np.hypot(position[:, 0], position[:, 1]) <= spread
-    found = _rigid(phi, mass, position, direction, on_axis, _levels(position[:, 2], same), spread)
+    found = _rigid_body_energy(phi, mass, position, direction, on_axis, _levels(position[:, 2], same), spread)
     z = np.array(list(found))
     if height > 0 and _gap(z, position[:, 2], same) > GAP * height:
         return _fit_sections(phi, mass, position, direction, on_axis)
@@ -167,7 +167,7 @@ def _fit_sections(phi, mass, position, direction, on_axis) -> tuple[np.ndarray, 
     return sections, found
 
 
-def _rigid(phi, mass, position, direction, on_axis, level, spread) -> dict[float, np.ndarray]:
+def _rigid_body_energy(phi, mass, position, direction, on_axis, level, spread) -> dict[float, np.ndarray]:
     found = {}
     for z in np.unique(level):
         own = level == z

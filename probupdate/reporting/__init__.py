@@ -76,17 +76,17 @@ def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) 
     progress("report", 0, len(SECTIONS))
     built: dict[str, Section | None] = {}
     order = [*SLOW, *(name for name in SECTIONS if name not in SLOW)]
-    for name, section in iterate_completed(_built, [(name, run) for name in order], jobs=jobs, least=1):
+    for name, section in iterate_completed(_build_section, [(name, run) for name in order], jobs=jobs, least=1):
         built[name] = section
         progress("report", len(built), len(SECTIONS))
     # those on sets, information and diagnosis are there where their files are
     sections = [section for section in map(built.__getitem__, SECTIONS)
-                if section is not None and not (diagnosed_only and _hollow(section))]
+                if section is not None and not (diagnosed_only and _is_empty(section))]
     footer = "Written by probupdate. This page needs no network and no other file."
     return render(sections, title=run.title, subtitle=_subtitle(run), footer=footer)
 
 
-def _built(name: str, run: Run) -> tuple[str, Section | None]:
+def _build_section(name: str, run: Run) -> tuple[str, Section | None]:
     return name, built_section(name, run)
 
 
@@ -95,7 +95,7 @@ def built_section(name: str, run: Run) -> Section | None:
     return getattr(import_module(f"probupdate.reporting.{SECTIONS[name]}"), name)(run)
 
 
-def _hollow(section: Section) -> bool:
+def _is_empty(section: Section) -> bool:
     return all(getattr(item, "level", "") == "missing" for item in section.items)
 
 

@@ -346,10 +346,10 @@ def _detectable_sizes(content: Mapping) -> list[Element]:
         figures.detectable_sizes(reached, steps), "detectable_sizes",
         "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
-        f"{count} are in diagnosis.json."), *_unseen(static), *_exchanges(discrete)]
+        f"{count} are in diagnosis.json."), *_undetectable_notices(static), *_exchanges(discrete)]
 
 
-def _unseen(static: Sequence[Mapping]) -> list[Notice]:
+def _undetectable_notices(static: Sequence[Mapping]) -> list[Notice]:
     """Candidates that no size they can have would show; the model's own parameters are estimated, not sought."""
     names = sorted({wording.name_of(x) for x in static if not x.get("size") and x["cause"] != OWN_PARAMETER})
     if not names:

@@ -171,7 +171,7 @@ def _block_values(source: PoleSource, block_id: str) -> dict:
         "damping": [_significant(z, 9) for z in damping],
         "mpc": [round(float(x), 4) for x in modal_phase_collinearity(shape)],
         "steady": [kinds.index(one) for one in steady], "word": [listed.index(one) for one in words], "words": listed,
-        "mode": label, "chosen": _chosen(source, block_id, keys, hz),
+        "mode": label, "chosen": _earlier_choice(source, block_id, keys, hz),
         "hz_std": [_std_values(std, key, 0) for key in keys], "damping_std": [_std_values(std, key, 1) for key in keys],
         # a number a channel as two 16-bit integers: a thousandth of what a shape is known to
         "shape": base64.b64encode(np.rint(32767 * np.stack([shape.T.real, shape.T.imag], axis=-1)).clip(
@@ -219,7 +219,7 @@ def _judge_poles(
     return words, label
 
 
-def _chosen(
+def _earlier_choice(
     source: PoleSource, block_id: str, keys: Sequence[tuple[int, int]], hz: np.ndarray
 ) -> list[tuple[int, str, str]]:
     """What was chosen before, where modes.json is of a choice: the pole's place, picked or rejected, the reason."""

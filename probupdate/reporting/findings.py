@@ -22,7 +22,7 @@ from probupdate.reporting.states import changes_within, is_diagnosed, selected_s
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, blunt, fit_sentence, misses, stated_error_words
+from probupdate.updating.update_file import UpdateRecord, fit_sentence, is_uninformative, misses, stated_error_words
 
 LEVELS = ("warning", "caution", "good")
 # computed over measured frequency beyond which a pair made by shape is questioned
@@ -69,7 +69,7 @@ def findings(run: Run) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
 
 
-def worst(found: tuple[Finding, ...]) -> str:
+def gravest(found: tuple[Finding, ...]) -> str:
     return found[0].level if found else "good"
 
 
@@ -79,7 +79,7 @@ def _fit_findings(run: Run) -> list[Finding]:
         return []
     if misses(update):
         return _misfit_findings(run, update)
-    if blunt(update):
+    if is_uninformative(update):
         return [Finding(level="warning", short="the fit is no test of the model",
                         text=full_sentence(fit_sentence(update)), action="Find what is wrong with model "
                         "or data (`probupdate diagnose`) before a parameter is used.")]

@@ -316,7 +316,7 @@ def _set_elements(run: Run, nine: ModalData) -> list[Element]:
     recorded = [one for one in SET_CONDITIONS if any(s.environment.get(one[0]) is not None for s in nine.sets)]
     blank = [""] * (1 + len(recorded))
     for k, s in enumerate(nine.sets):
-        similar = _similar(s.shape, reference.shape, clusters)
+        similar = _similarities(s.shape, reference.shape, clusters)
         if s.id == reference.id:
             marked.add(k)
         row = [s.id + (" (reference)" if s.id == reference.id else "")]
@@ -346,7 +346,7 @@ def _set_elements(run: Run, nine: ModalData) -> list[Element]:
                   marked=frozenset(marked))]
 
 
-def _similar(shape: np.ndarray, reference: np.ndarray, clusters: list[tuple[int, ...]]) -> list[float]:
+def _similarities(shape: np.ndarray, reference: np.ndarray, clusters: list[tuple[int, ...]]) -> list[float]:
     """MAC of every single mode and of every close pair's plane, as far as both sets have them."""
     found = []
     for cluster in clusters:

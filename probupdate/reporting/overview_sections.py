@@ -29,7 +29,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, NEITHER_STATE, Finding, checks, evaluations, findings, worst
+from probupdate.reporting.findings import MANY_FALLBACKS, NEITHER_STATE, Finding, checks, evaluations, findings, gravest
 from probupdate.reporting.identifiability import (
     BOUND,
     DIAGNOSED,
@@ -49,7 +49,7 @@ from probupdate.reporting.updating_sections import fit_level, meaning, scheme_na
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import SETS, UpdateRecord, blunt, misses
+from probupdate.updating.update_file import SETS, UpdateRecord, is_uninformative, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05
@@ -64,7 +64,7 @@ def verdict_section(run: Run) -> Section:
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
     if cautions:
-        items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst(found), width="half"))
+        items.append(Items(title="What not to rely on", statements=tuple(cautions), level=gravest(found), width="half"))
     if run.diagnosis is not None and run.diagnosis["findings"]:
         items.append(_findings_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
     elif run.update is not None:
@@ -77,14 +77,14 @@ def verdict_section(run: Run) -> Section:
         if run.diagnosis is not None and run.diagnosis["findings"]:
             items.append(_errors_picture(run.update, run.posterior))
         items.append(_shifts_picture(run, run.update))
-    remarks = remarkable(run)
+    remarks = notable_facts(run)
     if remarks:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
     if run.missing:
         elsewhere = " If records or model lie elsewhere: probupdate report --campaign, --model." if (
             run.campaign is None or run.model is None) else ""
         items.append(Notice(level="missing", text="; ".join(run.missing) + "." + elsewhere))
-    level = worst(found) if run.update is not None or found else "plain"
+    level = gravest(found) if run.update is not None or found else "plain"
     # a run without an update has little more to show: nothing of it is folded
     return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run),
                    headline=_headline(run, found), level=level, shown=shown if run.update is not None else len(items))
@@ -246,7 +246,7 @@ def _next_measurement(run: Run) -> list[str]:
     return [f"If a parameter must be known better: {parts.measures[0]} (narrows {gains})."] if best else []
 
 
-def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
+def _worst_error(measured: np.ndarray, computed: np.ndarray) -> float:
     error = np.abs(computed / measured - 1)
     return float(np.nanmax(error)) if np.any(np.isfinite(error)) else float("nan")
 
@@ -286,7 +286,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
             return f"{start}. The model has not been updated in this run."
         done = "Modes were identified; no" if run.modes is not None else "No"
         return f"{done} model has been updated in this run."
-    before = percent(_worst(update.measured_hz, update.initial_hz))
+    before = percent(_worst_error(update.measured_hz, update.initial_hz))
     after = _error_after_update(update, run.posterior)
     its = f"the model {'with the finding' + ('s' if len(run.diagnosis['findings']) > 1 else '') + ' in it'}" if (
         run.diagnosis is not None and run.included) else "the updated model"
@@ -299,7 +299,7 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         ratio = decimal(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"{its} does not fit: it misses the measurement by {ratio} times the stated standard deviations, the "
                  f"worst frequency of {compared_words(update)} by {after} ({before} % before)")
-    elif blunt(update):
+    elif is_uninformative(update):
         words = (f"{its} was not tested: standard deviations this wide let any fit, the worst frequency of "
                  f"{compared_words(update)} is off by {after} ({before} % before)")
     else:
@@ -320,8 +320,8 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
 def _error_after_update(update: UpdateRecord, posterior: Posterior | None) -> str:
     """The worst frequency error after the update and of which estimate it is: as `update` has it, and of the posterior
     where that was sampled."""
-    chosen, at_map = estimate(update, posterior), percent(_worst(update.measured_hz, update.map_hz))
-    after = percent(_worst(update.measured_hz, chosen.frequency_hz))
+    chosen, at_map = estimate(update, posterior), percent(_worst_error(update.measured_hz, update.map_hz))
+    after = percent(_worst_error(update.measured_hz, chosen.frequency_hz))
     other = f", {at_map} % at the MAP" if posterior is not None and at_map != after else ""
     return f"{after} % at the {chosen.name}{other}"
 
@@ -357,11 +357,11 @@ def _tiles(run: Run) -> list[Tile]:
     tiles, update, posterior = [], run.update, run.posterior
     if update is not None:
         chosen = estimate(update, posterior)
-        after = _worst(update.measured_hz, chosen.frequency_hz)
+        after = _worst_error(update.measured_hz, chosen.frequency_hz)
         first = int(np.nanargmax(np.abs(update.initial_hz / update.measured_hz - 1)))
         tiles.append(Tile(
             label="largest frequency error", level="good" if after < 0.02 else "warning",
-            value=f"{percent(_worst(update.measured_hz, update.initial_hz))} → {percent(after)} %",
+            value=f"{percent(_worst_error(update.measured_hz, update.initial_hz))} → {percent(after)} %",
             detail=f"worst mode at first: {update.labels[first]}, measured {update.measured_hz[first]:.3f} Hz, "
             f"computed {update.initial_hz[first]:.3f} → {chosen.frequency_hz[first]:.3f} Hz ({chosen.name})"))
         tiles.append(_fit_tile(update))
@@ -495,16 +495,16 @@ def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Pictur
     labels = [label for label, here in zip(update.labels, used, strict=True) if here]
     errors = figures.frequency_errors(labels, update.measured_hz[used], computed)
     caption = "How far each computed frequency is from the measured one, before and after the update."
-    printed = [_worst(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
-    if printed and printed[0] < _worst(update.measured_hz, after.frequency_hz):
+    printed = [_worst_error(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
+    if printed and printed[0] < _worst_error(update.measured_hz, after.frequency_hz):
         caption += (f" The update by Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the "
                     f"recommended {after.name}: it penalises only the step, so that with every iteration it forgets "
                     "more of the prior and follows errors of measurement and model too. A closer fit is no better "
                     "estimate; it is not recommended.")
     return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
-                   f"initial within {percent(_worst(update.measured_hz, update.initial_hz))} %, {after.name} within "
-                   f"{percent(_worst(update.measured_hz, after.frequency_hz))} %.")
+                   f"initial within {percent(_worst_error(update.measured_hz, update.initial_hz))} %, {after.name} "
+                   f"within {percent(_worst_error(update.measured_hz, after.frequency_hz))} %.")
 
 
 def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
@@ -516,7 +516,7 @@ def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
                    "probable parameters.")
 
 
-def remarkable(run: Run) -> list[str]:
+def notable_facts(run: Run) -> list[str]:
     """What a reader should know though it forbids nothing."""
     said: list[str] = []
     update, posterior = run.update, run.posterior

@@ -72,13 +72,13 @@ def csv_text(table: Table) -> str:
     """The table for other programs: plain minus signs, no thousands' spaces, powers as 1e-4, nothing for a dash."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\r\n")
-    writer.writerow([_harmless(f"{c.name} [{c.unit.strip('[]')}]" if c.unit else c.name) for c in table.columns])
+    writer.writerow([_escape_formula(f"{c.name} [{c.unit.strip('[]')}]" if c.unit else c.name) for c in table.columns])
     for row in table.rows:
-        writer.writerow(["" if cell == MISSING else _harmless(plain_text(cell)) for cell in row])
+        writer.writerow(["" if cell == MISSING else _escape_formula(plain_text(cell)) for cell in row])
     return stream.getvalue()
 
 
-def _harmless(cell: str) -> str:
+def _escape_formula(cell: str) -> str:
     """A spreadsheet runs what starts like a formula; a number may start with its sign."""
     formula = cell.startswith(("=", "@", "+", "-", "\t", "\r")) and not re.match(r"[+-]\s?[\d.]", cell)
     return f"'{cell}" if formula else cell

@@ -78,10 +78,10 @@ def viewer_data(
     wide = bool(extent[2] < 0.5 * extent[:2].max())
     present = [k for k in ("measured", "initial", "updated") if any(k in m["variants"] for m in modes)]
     return {
-        "nodes": [_short(p, 3) for p in wire.node_m],
+        "nodes": [_round_list(p, 3) for p in wire.node_m],
         "lines": [[int(i), int(j)] for i, j in wire.line],
         "groups": list(wire.line_group),
-        "sensors": [_short(p, 3) for p in points],
+        "sensors": [_round_list(p, 3) for p in points],
         "states": [{"key": k, "name": STATE_NAMES[k]} for k in present],
         "modes": modes,
         "scale": round(float(0.12 * extent.max()), 4),
@@ -115,11 +115,11 @@ def _variants(
     size = max(size, max((_largest(np.array(d)) for d in moved or () if d is not None), default=0.0)) or 1.0
     variants: dict[str, dict] = {}
     if moved is not None:
-        shape = [None if d is None else _short(np.array(d) / size) for d in moved]
+        shape = [None if d is None else _round_list(np.array(d) / size) for d in moved]
         variants["measured"] = {"hz": _hz_or_none(hz.get("measured")), "shape": shape}
     for key, d in drawn.items():
         variants[key] = {"hz": _hz_or_none(hz[key]),
-                         "shape": [_short(row) for row in d / size] if np.all(np.isfinite(d)) else None}
+                         "shape": [_round_list(row) for row in d / size] if np.all(np.isfinite(d)) else None}
     return variants
 
 
@@ -132,7 +132,7 @@ def _largest(rows: np.ndarray) -> float:
     return float(lengths.max()) if lengths.size else 0.0
 
 
-def _short(values: Iterable[float], decimals: int = 4) -> list[float]:
+def _round_list(values: Iterable[float], decimals: int = 4) -> list[float]:
     return [round(float(v), decimals) for v in values]
 
 

@@ -12,7 +12,7 @@ def silent(what: str, done: int, total: int) -> None:
     """The default: no report."""
 
 
-def rising(progress: Progress) -> Progress:
+def resumed_progress(progress: Progress) -> Progress:
     """The same, for a search that takes up again what it had left: what was done is not said to be undone."""
     most: dict[tuple[str, int], int] = {}
 

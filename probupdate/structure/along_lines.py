@@ -69,9 +69,9 @@ def ways(
     for other in beside.get(node, ()):
         if other in taken:
             continue
-        onward = _straight(model, place, beside, node, other)
+        onward = _straight_run(model, place, beside, node, other)
         back = next((k for k in beside[node] if _cosine(place, node, other, k) < -STRAIGHT), None)
-        behind = [] if back is None else _straight(model, place, beside, node, back)
+        behind = [] if back is None else _straight_run(model, place, beside, node, back)
         taken |= {other, back}
         # towards the higher end, if both move
         if not onward or (behind and tuple(place[behind[-1]][::-1]) > tuple(place[onward[-1]][::-1])):
@@ -167,7 +167,7 @@ def _cosine(place: np.ndarray, at: int, one: int, other: int) -> float:
     return float(first @ second / np.sqrt((first @ first) * (second @ second)))
 
 
-def _straight(
+def _straight_run(
     model: AffineModel, place: np.ndarray, beside: Mapping[int, Sequence[int]], start: int, first: int
 ) -> list[int]:
     """The nodes from one on, its neighbour first, as far as the line is straight, moves and is within reach."""

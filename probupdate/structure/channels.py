@@ -20,7 +20,7 @@ from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.moved_channels import MovedChannels
 from probupdate.structure.plausible_size import other_unit_words
 from probupdate.structure.readings import rotation_reading
-from probupdate.structure.schema import nearest
+from probupdate.structure.schema import suggest
 
 # how far from a part's surface a sensor may sit
 REACH_M = 2.0
@@ -165,7 +165,7 @@ def attachments(
         label = f"{where}: sensor {sensor.channel}"
         part = parts.get(sensor.channel)
         if part is not None and part not in frame.parts:
-            raise InputError(label, f"part '{part}' is not in the model", nearest(part, frame.parts))
+            raise InputError(label, f"part '{part}' is not in the model", suggest(part, frame.parts))
         found = attach(frame, sensor.position_m, part)
         if found.gap_m > REACH_M:
             if scaled := other_unit_words(lambda f: _gaps(frame, sensors, parts, f), REACH_M):

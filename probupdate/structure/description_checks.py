@@ -21,7 +21,7 @@ from probupdate.structure.description import (
 )
 from probupdate.structure.effect_kinds import KINDS, SETTINGS, Kind, Place
 from probupdate.structure.effects import ends, faces
-from probupdate.structure.schema import RANGES, Mistake, nearest
+from probupdate.structure.schema import RANGES, Mistake, suggest
 
 
 def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
@@ -75,7 +75,7 @@ def _check_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mist
             yield low_key, f"{low} is not below {high_key} = {high}", "put the levels in order, upwards"
 
 
-def _upwards(key: str, stations) -> Iterator[Mistake]:
+def _check_upwards(key: str, stations) -> Iterator[Mistake]:
     for k, (a, b) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
         if not a.z_m < b.z_m:
             yield f"{key}[{k + 2}].z_m", f"{b.z_m} is not above {a.z_m}", "list the stations upwards"
@@ -93,7 +93,7 @@ def _check_levels(d: Description) -> Iterator[Mistake]:
         yield from _jacket_levels(d)
     if isinstance(d, OnMonopile):
         yield from _monopile_levels(d)
-    yield from _upwards("tower.station", d.tower.station)
+    yield from _check_upwards("tower.station", d.tower.station)
 
 
 def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
@@ -113,7 +113,7 @@ def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
 
 def _monopile_levels(d: OnMonopile) -> Iterator[Mistake]:
     top, foot, sleeve = d.monopile.station[-1], d.tower.station[0].z_m, d.transition_piece
-    yield from _upwards("monopile.station", d.monopile.station)
+    yield from _check_upwards("monopile.station", d.monopile.station)
     yield from _check_order((("site.water_level_m", d.site.water_level_m, "monopile's top", top.z_m),))
     if sleeve is None:
         if top.z_m != foot:
@@ -219,7 +219,7 @@ def _check_parameters(d: Description) -> Iterator[Mistake]:
         if p.kind is None and p.name not in d.own_parameters:
             which = f"this model, which stands on a {d.stands_on}" if p.name in ALL_NEUTRAL else "this model"
             yield (key, f"'{p.name}' is not a parameter of {which}",
-                   nearest(p.name, d.own_parameters) + " (an effect at a place needs a kind)")
+                   suggest(p.name, d.own_parameters) + " (an effect at a place needs a kind)")
             continue
         if p.kind is not None and p.name in ALL_NEUTRAL:
             yield f"{key}.kind", f"'{p.name}' is a parameter of the whole structure", "give the effect another name"
@@ -240,7 +240,7 @@ def _check_parameters(d: Description) -> Iterator[Mistake]:
     for name, row in (d.correlation or {}).items():
         for other in (name, *row):
             if other not in updated:
-                yield f"correlation.{name}", f"'{other}' is not an updated parameter", nearest(other, updated)
+                yield f"correlation.{name}", f"'{other}' is not an updated parameter", suggest(other, updated)
 
 
 def _check_lowest(p: ParameterEntry, key: str) -> Iterator[Mistake]:
@@ -251,7 +251,7 @@ def _check_lowest(p: ParameterEntry, key: str) -> Iterator[Mistake]:
             yield f"{key}.{name}", f"{value} makes no structure: it must be {lowest} 0", "raise it"
 
 
-def _worn(d: Offshore) -> Iterator[tuple[str, str, str, TubeEntry | Section]]:
+def _corroding_tubes(d: Offshore) -> Iterator[tuple[str, str, str, TubeEntry | Section]]:
     """Names of the factors on diameter and wall ("" without), key and size of the tubes that corr thins."""
     if isinstance(d, OnJacket):
         yield "D_l", "t_l", "jacket.leg", d.jacket.leg
@@ -273,7 +273,7 @@ def _check_section_range(d: Description) -> Iterator[Mistake]:
     for p in d.parameter:
         if p.update:
             low[p.name], high[p.name] = p.lower, p.upper
-    for diameter_name, wall_name, key, tube in _worn(d):
+    for diameter_name, wall_name, key, tube in _corroding_tubes(d):
         thinnest = tube.thickness_m * low.get(wall_name, 1.0) - high["corr"]
         if thinnest <= 0:
             yield ((key, f"{wall_name} and corr at their bounds leave a wall of {1000 * thinnest:.1f} mm",
@@ -290,7 +290,7 @@ def _check_section_range(d: Description) -> Iterator[Mistake]:
 def check_effect(p, key: str, d: Description) -> Iterator[Mistake]:
     """What is wrong with a [[parameter]] that has a kind; `key` is its place in the file."""
     if p.kind not in KINDS:
-        yield f"{key}.kind", f"'{p.kind}' is unknown", nearest(p.kind, KINDS)
+        yield f"{key}.kind", f"'{p.kind}' is unknown", suggest(p.kind, KINDS)
         return
     kind = KINDS[p.kind]
     yield from _check_settings(p, key, kind)
@@ -325,7 +325,7 @@ def _check_settings(p, key: str, kind: Kind) -> Iterator[Mistake]:
         elif value is not None and name not in (*kind.needs, *kind.may):
             yield f"{key}.{name}", f"means nothing for the kind '{p.kind}'", "remove it"
         elif name == "motion" and value is not None and value not in kind.motions:
-            yield f"{key}.motion", f"'{value}' is not one of the kind '{p.kind}'", nearest(value, kind.motions)
+            yield f"{key}.motion", f"'{value}' is not one of the kind '{p.kind}'", suggest(value, kind.motions)
 
 
 def _check_on(on: Place, key: str, name: str, d: Description) -> Iterator[Mistake]:
@@ -334,13 +334,13 @@ def _check_on(on: Place, key: str, name: str, d: Description) -> Iterator[Mistak
         if part not in kind.keys:
             yield f"{key}.{part}", f"means nothing for the kind '{name}'", "remove it"
     if on.group is not None and on.group not in kind.groups:
-        yield f"{key}.group", f"the kind '{name}' does not act on '{on.group}'", nearest(on.group, kind.groups)
+        yield f"{key}.group", f"the kind '{name}' does not act on '{on.group}'", suggest(on.group, kind.groups)
     known = {"leg": legs_of(d), "face": faces(d), "body": [body.name for body in d.rna]}
     for part, names in known.items():
         value = getattr(on, part)
         if value is not None and value not in names:
             yield (f"{key}.{part}", f"'{value}' is not in this structure",
-                   nearest(value, names) if names else f"a {d.stands_on} has none: remove it")
+                   suggest(value, names) if names else f"a {d.stands_on} has none: remove it")
     bays = len(d.jacket.bay) if isinstance(d, OnJacket) else 0
     if on.bay is not None and on.bay > bays:
         yield (f"{key}.bay", f"there is no bay {on.bay}",

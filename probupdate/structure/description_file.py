@@ -13,7 +13,7 @@ from probupdate.errors import InputError
 from probupdate.structure.description import SUBSTRUCTURES, Description
 from probupdate.structure.description_checks import CHECKS
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.schema import Mistake, Table, nearest
+from probupdate.structure.schema import Mistake, Table, suggest
 
 # of further mistakes the keys that are named
 LISTED = 20
@@ -98,7 +98,7 @@ def _translate(error: ErrorDetails, of: type[Table]) -> Mistake:
         key += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if key else str(step)
     kind, value = error["type"], error["input"]
     if kind == "extra_forbidden":
-        return key, "is not a key of this file", nearest(str(location[-1]), _known_keys(location, of))
+        return key, "is not a key of this file", suggest(str(location[-1]), _known_keys(location, of))
     if kind == "missing":
         return key, "is missing", "add it"
     if kind in ("model_type", "model_attributes_type"):

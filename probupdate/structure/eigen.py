@@ -77,7 +77,7 @@ def lowest_modes(
         solve = factor.solve
     value, phi = _normalise(value, phi, M)
     _refuse_rounding(K, value, phi, where)
-    value, phi = _accurate(extended, M, value, phi, solve, where, refused)
+    value, phi = _refine_modes(extended, M, value, phi, solve, where, refused)
     largest = np.argmax(np.abs(phi), axis=0)
     with np.errstate(over="ignore"):
         value, phi = value * (scales[0] / scales[1]), phi * np.sign(phi[largest, np.arange(n_mode)]) / scales[1] ** 0.5
@@ -124,7 +124,7 @@ def _power_of_four(matrix, where: str, kind: str) -> float:
     return float(4.0 ** np.clip(np.round(np.log2(largest) / 2), -500, 500))
 
 
-def _accurate(K, M, value, phi, solve, where: str, refused: float):
+def _refine_modes(K, M, value, phi, solve, where: str, refused: float):
     """The modes (ascending, of unit modal mass) to what double precision holds.
 
     A solution of K x = b by its factors is wrong by the condition of K, which grows with the fourth power of a mesh's
@@ -138,7 +138,7 @@ def _accurate(K, M, value, phi, solve, where: str, refused: float):
         if np.all(error < ACCURATE):
             return value, phi
         try:
-            mu, turn = linalg.eigh(y.T @ (M @ y), _symmetric(y.T @ force))
+            mu, turn = linalg.eigh(y.T @ (M @ y), _symmetrise(y.T @ force))
         except linalg.LinAlgError:
             break
         if not mu[0] > 0:
@@ -187,7 +187,7 @@ def _norm(M, phi) -> np.ndarray:
     return np.sqrt(np.maximum(np.einsum("ij,ij->j", phi, M @ phi), 0.0))
 
 
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
+def _symmetrise(matrix: np.ndarray) -> np.ndarray:
     return 0.5 * (matrix + matrix.T)
 
 
@@ -241,11 +241,11 @@ def _definite_factor(K, where: str):
         ) from None
     # with a symmetric permutation and no pivoting the signs of U's diagonal are the inertia of K
     if np.any(factor.U.diagonal() <= 0):
-        raise _indefinite(where)
+        raise _indefinite_error(where)
     return factor
 
 
-def _indefinite(where: str) -> InputError:
+def _indefinite_error(where: str) -> InputError:
     return InputError(
         where, "the stiffness matrix is not positive definite: a mechanism or a negative stiffness factor",
         "check supports and the parameters' bounds",
@@ -278,7 +278,7 @@ def _dense(K, M, n_mode: int, where: str):
     try:
         mu, phi = linalg.eigh(M, K, subset_by_index=(n - n_mode, n - 1))
     except linalg.LinAlgError:
-        raise _indefinite(where) from None
+        raise _indefinite_error(where) from None
     if mu[0] <= MASSLESS * mu[-1]:
         raise InputError(where, f"fewer than {n_mode} modes have a positive mass: the mass matrix is indefinite or has "
                          "too many massless degrees of freedom", "check M0 and every M_<name>")

@@ -22,7 +22,7 @@ from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.load import turbine_model
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.schema import nearest
+from probupdate.structure.schema import suggest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class EffectParameter:
 
     def __post_init__(self):
         if self.kind not in KINDS:
-            raise InputError(f"effect {self.name}", f"the kind '{self.kind}' is unknown", nearest(self.kind, KINDS))
+            raise InputError(f"effect {self.name}", f"the kind '{self.kind}' is unknown", suggest(self.kind, KINDS))
 
     @property
     def neutral(self) -> float:

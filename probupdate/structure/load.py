@@ -30,7 +30,7 @@ from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import read_parameters, read_toml, updated_parameters
 from probupdate.structure.pile_head import pile_head_stiffness
 from probupdate.structure.readings import FeltGravity
-from probupdate.structure.schema import nearest
+from probupdate.structure.schema import suggest
 from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
 from probupdate.structure.turbine_frame import build_frame
 from probupdate.structure.turned_nacelle import turned_terms
@@ -173,7 +173,7 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None, table: s
     allowed = ("format", "name", "matrices", "parameter", "correlation")
     for key in raw:
         if key not in allowed:
-            raise InputError(f"{path}: {key}", "is not a key of a model of matrices", nearest(key, allowed))
+            raise InputError(f"{path}: {key}", "is not a key of a model of matrices", suggest(key, allowed))
     file = _path_from_table(path, raw)
     if parameters is None:
         if "parameter" not in raw:
@@ -233,7 +233,7 @@ def turbine_model(
     values = dict(parameters.held) | {p.name: p.initial for p in parameters}
     for name in values:
         if name not in known:
-            raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, known))
+            raise InputError(f"{where}: parameter {name}", "the model has no such parameter", suggest(name, known))
     values = description.values | values
     try:
         frame = build_frame(description, nacelle_angle_deg) if frame is None else frame

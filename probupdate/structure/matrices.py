@@ -232,7 +232,7 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
             raise InputError(where, f"has shape {raw.shape}", "give a square matrix")
         if not raw.size:
             raise InputError(where, "is empty", "give a square matrix: check how it was exported")
-        matrix = sparse.csc_array(_real(where, raw))
+        matrix = sparse.csc_array(_real_matrix(where, raw))
     elif all(key + part in content for part in SPARSE_PARTS):
         data, indices, indptr = (content[key + part] for part in SPARSE_PARTS)
         size = n or np.size(indptr) - 1
@@ -241,7 +241,7 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
         _refuse_structure(where, data, indices, indptr, size)
         try:
             matrix = sparse.csc_array(sparse.csr_array(
-                (_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)), shape=(size, size)))
+                (_real_matrix(where, data), indices.astype(np.int64), indptr.astype(np.int64)), shape=(size, size)))
         except ValueError as error:
             raise InputError(where, f"its CSR parts do not fit together ({error})", "write them again") from None
     else:
@@ -272,7 +272,7 @@ def _refuse_structure(where: str, data: np.ndarray, indices: np.ndarray, indptr:
         raise InputError(where, f"its _indptr does not rise from 0 to the {len(data)} entries", "write CSR parts again")
 
 
-def _real(where: str, raw: np.ndarray) -> np.ndarray:
+def _real_matrix(where: str, raw: np.ndarray) -> np.ndarray:
     if raw.dtype.kind not in "iufb":
         raise InputError(where, f"holds {raw.dtype}, not real numbers", "export real matrices")
     return raw.astype(float)
@@ -338,7 +338,7 @@ def _channel_rows(
     if len(names) and (dof.min() < least or dof.max() >= n):
         worst = int(dof.min() if dof.min() < least else dof.max())
         raise InputError(f"{path}, {key}_dof", f"row {worst} is outside {least}..{n - 1}", "count rows from zero")
-    sign = _real(f"{path}, {key}_sign", np.asarray(content.get(f"{key}_sign", np.ones(len(names)))))
+    sign = _real_matrix(f"{path}, {key}_sign", np.asarray(content.get(f"{key}_sign", np.ones(len(names)))))
     if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
         raise InputError(f"{path}, {key}_sign", "is not a +1 or -1 per channel", "correct it or leave it out")
     own = np.flatnonzero(dof >= 0)
@@ -349,7 +349,7 @@ def _combinations(path: Path, content: Mapping, key: str, n_channel: int, n: int
     """(n_channel, n), dense or in CSR parts."""
     where = f"{path}, {key}"
     if key in content:
-        raw = _real(where, np.asarray(content[key]))
+        raw = _real_matrix(where, np.asarray(content[key]))
         if raw.shape != (n_channel, n):
             raise InputError(where, f"has shape {raw.shape}", f"give ({n_channel}, {n}): a row for each channel")
         rows = sparse.csr_array(raw)
@@ -360,7 +360,7 @@ def _combinations(path: Path, content: Mapping, key: str, n_channel: int, n: int
         if np.size(indptr) - 1 != n_channel:
             raise InputError(where, f"has {np.size(indptr) - 1} rows", f"give one for each of the {n_channel} channels")
         _refuse_structure(where, data, indices, indptr, n)
-        rows = sparse.csr_array((_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)),
+        rows = sparse.csr_array((_real_matrix(where, data), indices.astype(np.int64), indptr.astype(np.int64)),
                                 shape=(n_channel, n))
     if not np.all(np.isfinite(rows.data)):
         raise InputError(where, "holds NaN or infinite entries", "check how it was exported")

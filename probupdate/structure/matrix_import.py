@@ -276,7 +276,7 @@ def _largest(matrix: sparse.csc_array) -> np.ndarray:
 
 def _mirror_triangle(matrix: sparse.csc_array, where: str, name: str, notes: list[str]) -> sparse.csc_array:
     """Both triangles."""
-    matrix = sparse.csc_array(matrix.astype(float)) if not np.iscomplexobj(matrix) else _real(matrix, where)
+    matrix = sparse.csc_array(matrix.astype(float)) if not np.iscomplexobj(matrix) else _real_matrix(matrix, where)
     if matrix.shape[0] != matrix.shape[1]:
         raise InputError(where, f"has shape {matrix.shape}", "give a square matrix")
     if not matrix.nnz:
@@ -299,7 +299,7 @@ def _has_entries(matrix) -> bool:
     return bool(matrix.nnz) and bool(np.any(matrix.data != 0))
 
 
-def _real(matrix, where: str) -> sparse.csc_array:
+def _real_matrix(matrix, where: str) -> sparse.csc_array:
     if abs(matrix.imag).max() > ROUNDING * abs(matrix).max():
         raise InputError(where, "has complex entries", "export it without damping")
     return sparse.csc_array(matrix.real)

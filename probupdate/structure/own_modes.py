@@ -110,7 +110,7 @@ def modes_of_model(
         solution, phi, free = _solve_with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     labels = mode_labels(opened, solution, sensors or (), families=TURBINE if turbine else NEUTRAL, phi=phi)
-    notes = (*notes, *implausible(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
+    notes = (*notes, *implausible_frequencies(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
     shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
@@ -120,7 +120,7 @@ def modes_of_model(
     )
 
 
-def implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
+def implausible_frequencies(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
     """A sentence where the lowest frequency above zero is none of a structure of the model's extent."""
     own = frequency_hz[frequency_hz > 0]
     if not len(own):

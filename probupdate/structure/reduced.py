@@ -93,16 +93,16 @@ def reduce_alike(
     checks = [_Checks.solve(one, *draw(n_each), n_mode, "size", progress) for one in models]
     largest = projected(*_proper_orthogonal(_unmix_modes(snapshots, K), K, max_size))
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
-    typical = _smallest(largest, checks, TYPICAL)
+    typical = _smallest_size(largest, checks, TYPICAL)
     if typical is not None:
-        snapshots += _worst(checks, [one.truncate(typical) for one in largest])
+        snapshots += _worst_points(checks, [one.truncate(typical) for one in largest])
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(_unmix_modes(snapshots, K), K, max_size)
         largest = projected(basis, family)
-        size = _smallest(largest, checks, 1.0)
+        size = _smallest_size(largest, checks, 1.0)
         if size is None:
             # what was worst joins the snapshots
-            snapshots += _worst(checks, largest)
+            snapshots += _worst_points(checks, largest)
             continue
         reduced = [one.with_shares(c.theta)
                    for one, c in zip(projected(basis[:, :size], family[:size]), checks, strict=True)]
@@ -111,7 +111,7 @@ def reduce_alike(
         if all(reports):
             return [replace(one, report=report) for one, report in zip(reduced, reports, strict=True)]
         # points that have decided once decide the size from now on; the next verification takes new ones
-        snapshots += _worst(final, reduced)
+        snapshots += _worst_points(final, reduced)
         checks = [c.joined(other) for c, other in zip(checks, final, strict=True)]
     error, least_mac = max((c.judge(one) for c, one in zip(checks, largest, strict=True)), key=lambda e: e[0].max())
     raise ConvergenceError(
@@ -259,11 +259,11 @@ class _Checks:
         )
 
 
-def _worst(checks: Sequence[_Checks], reduced: Sequence[ReducedModel]) -> list[tuple[np.ndarray, np.ndarray]]:
+def _worst_points(checks: Sequence[_Checks], reduced: Sequence[ReducedModel]) -> list[tuple[np.ndarray, np.ndarray]]:
     return [found for c, one in zip(checks, reduced, strict=True) for found in c.worst(one)]
 
 
-def _smallest(largest: Sequence[ReducedModel], checks: Sequence[_Checks], share: float) -> int | None:
+def _smallest_size(largest: Sequence[ReducedModel], checks: Sequence[_Checks], share: float) -> int | None:
     """Size of the smallest leading part of the basis that holds at a share of each model's checks; from below, as small
     problems are quickly solved."""
     low, high = largest[0].n_mode, FIRST_SIZE

@@ -31,7 +31,7 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def nearest(name: str, known) -> str:
+def suggest(name: str, known) -> str:
     """The remedy for an unknown name."""
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(sorted(known))}"

@@ -87,7 +87,7 @@ def _thin_box(m: float, nu: float) -> float:
         + 10 * m**2 * ((3 + nu) * m + 3 * m**2))
 
 
-def arbitrary(e, g, density, area, shear_x, shear_y, i_xx, i_yy, polar, torsion) -> Section:
+def any_section(e, g, density, area, shear_x, shear_y, i_xx, i_yy, polar, torsion) -> Section:
     """Any section; its shear areas stand beside its area."""
     return Section(e=e, g=g, density=density, area=area, kappa_x=shear_x / area, kappa_y=shear_y / area, i_xx=i_xx,
                    i_yy=i_yy, polar=polar, torsion=torsion)
@@ -254,7 +254,7 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
     held = {node_of[r.joint]: sum(r.fixed) for r in file.reactions}
     links = _rigid_links(node_m, elements, translation, joints, held)
     acted = _active_dofs(file, node_of, translation, elements, dofs, n_full)
-    keep = _free(file, node_of, translation, joints, links, acted)
+    keep = _free_columns(file, node_of, translation, joints, links, acted)
     reduction = sparse.csr_array(joints @ links)[:, keep]
     at_joints = sparse.csr_array(links)[:, keep]
     stiffness = sparse.csr_array((n_column, n_column))
@@ -416,7 +416,7 @@ def _active_dofs(file: SubDynFile, node_of, translation, elements, dofs, n_full:
     return acted
 
 
-def _free(file: SubDynFile, node_of, translation, joints, links, acted: np.ndarray) -> np.ndarray:
+def _free_columns(file: SubDynFile, node_of, translation, joints, links, acted: np.ndarray) -> np.ndarray:
     """The columns that no reaction joint holds and that move anything."""
     moved = sparse.csr_array(joints @ links)
     held: set[int] = set()
@@ -449,7 +449,7 @@ def sizes_at(
 def section_at(file: SubDynFile, element: Element) -> Section:
     """The section of a beam element as the file has it."""
     material, sizes = sizes_at(file, element)
-    return {"circular": tube, "rectangular": box, "arbitrary": arbitrary}[element.member.kind](*material, *sizes)
+    return {"circular": tube, "rectangular": box, "arbitrary": any_section}[element.member.kind](*material, *sizes)
 
 
 def plain_matrices(file: SubDynFile, element: Element) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
 from probupdate.structure.readings import STANDARD_MPS2, FeltGravity, rotation_reading
-from probupdate.structure.schema import Number, Table, Vector, nearest
+from probupdate.structure.schema import Number, Table, Vector, suggest
 from probupdate.structure.subdyn_frame import (
     SAME_PLACE,
     Element,
@@ -269,7 +269,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     values = {p.name: p.initial for p in description.parameter}
     for name in (*parameters.names, *(name for name, _ in parameters.held)):
         if name not in values:
-            raise InputError(f"{path}: parameter {name}", "the model has no such parameter", nearest(name, values))
+            raise InputError(f"{path}: parameter {name}", "the model has no such parameter", suggest(name, values))
     values |= dict(parameters.held)
     _check_bounds(description, parameters, path)
     fixed = {name: value for name, value in values.items() if name not in parameters.names}
@@ -326,14 +326,14 @@ def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> 
             raise InputError(where, "is listed twice", "keep one")
         seen.add(p.name)
         if p.acts not in ACTS:
-            raise InputError(f"{where}, acts", f"'{p.acts}' is unknown", nearest(p.acts, ACTS))
+            raise InputError(f"{where}, acts", f"'{p.acts}' is unknown", suggest(p.acts, ACTS))
         act = ACTS[p.acts]
         if p.unit != act.unit:
             raise InputError(f"{where}, unit", f"is '{p.unit}', but {p.acts} is a {act.text} in {act.unit}",
                              f"write unit = \"{act.unit}\" and values in it")
         for group in p.groups:
             if group not in groups:
-                raise InputError(f"{where}, on", f"there is no [group.{group}]", nearest(group, groups or {"(none)"}))
+                raise InputError(f"{where}, on", f"there is no [group.{group}]", suggest(group, groups or {"(none)"}))
             sort, ids = groups[group]
             if sort != act.on:
                 raise InputError(f"{where}, on", f"[group.{group}] is one of {sort}, but {p.acts} acts on {act.on}",

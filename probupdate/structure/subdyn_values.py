@@ -20,7 +20,7 @@ from probupdate.structure.subdyn_model import SOIL_PARTS, file_beside, read_desc
 UNSPEAKABLE = ("line_mass",)
 
 
-def unspeakable(path: Path) -> tuple[str, ...]:
+def inexpressible_parameters(path: Path) -> tuple[str, ...]:
     """The parameters of a TOML with [subdyn] that its SubDyn file cannot express."""
     return tuple(p.name for p in read_description(read_toml(path), path).parameter if p.acts in UNSPEAKABLE)
 
@@ -30,7 +30,7 @@ def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> t
     initial value), and the names of parameters that act on its [tower] and so are not in it. `remark` goes into the
     file's second line. Raises InputError for what SubDyn cannot say (`unspeakable`)."""
     path = Path(path)
-    odd = unspeakable(path)
+    odd = inexpressible_parameters(path)
     if odd:
         raise InputError(f"{path}: parameter {odd[0]}", "acts in a way that a SubDyn file cannot represent",
                          "use model.toml")

@@ -181,11 +181,11 @@ def candidates(
         yield Candidate(what=f"determine {what}{f' ({check})' if check else ''}",
                         covariance=now.covariance(np.array(columns)), known=tuple(columns))
     if not problem.weights.covariance:
-        yield from _better(problem, now)
+        yield from _better_identified(problem, now)
     yield from _further_modes(problem, laplace, now, seen_hz)
 
 
-def _better(problem: Problem, now: WhitenedResponses) -> Iterator[Candidate]:
+def _better_identified(problem: Problem, now: WhitenedResponses) -> Iterator[Candidate]:
     """A mode whose frequency, or shape, is identified to half its standard deviation."""
     frequency, shape = 0, problem.n_frequency
     variance, missed = problem.std**2, problem.discrepancy_std**2

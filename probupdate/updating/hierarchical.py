@@ -192,7 +192,7 @@ class _Independent:
         slope = np.array([descent(top + step)[1] for step in DIFFERENCE * np.vstack([np.eye(n_w), -np.eye(n_w)])])
         value, vectors = np.linalg.eigh((slope[:n_w] - slope[n_w:]) / (2 * DIFFERENCE))
         # no wider than twice the hyper-prior
-        return cls(hyper, _about(top, (vectors / np.maximum(value, 0.5)) @ vectors.T))
+        return cls(hyper, _student_about(top, (vectors / np.maximum(value, 0.5)) @ vectors.T))
 
     def draw(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """x (n, n_x) and ln of what they weigh (n,)."""
@@ -208,10 +208,10 @@ class _Independent:
     def fit(self, x: np.ndarray, weight: np.ndarray) -> _Independent:
         w = x[:, self.hyper.n :]
         middle = weight @ w
-        return _Independent(self.hyper, _about(middle, (w - middle).T @ (weight[:, None] * (w - middle))))
+        return _Independent(self.hyper, _student_about(middle, (w - middle).T @ (weight[:, None] * (w - middle))))
 
 
-def _about(centre: np.ndarray, covariance: np.ndarray) -> StudentT:
+def _student_about(centre: np.ndarray, covariance: np.ndarray) -> StudentT:
     return StudentT(centre=centre, factor=np.linalg.cholesky(PROPOSAL_VARIANCE * covariance),
                     logarithmic=np.zeros(len(centre), bool))
 

@@ -52,7 +52,7 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
 
     if len(data.sets) == 1:
         return JointSet(data=data, ids=(data.sets[0].id,), notes=())
-    alike, others = _comparable(data)
+    alike, others = _comparable_sets(data)
     kept, outliers = without_outliers(alike)
     ids = tuple(s.id for s in kept.sets)
     if len(ids) == 1:
@@ -71,7 +71,7 @@ def states_words(data: ModalData, ids: Sequence[str]) -> str:
     from probupdate.updating.outlier_sets import first_after_step
 
     named = [label for label in data.labels or () if not label.isdigit()]
-    first, sizes = first_after_step(_comparable(data)[0], named or None)
+    first, sizes = first_after_step(_comparable_sets(data)[0], named or None)
     if not first:
         return ""
     every = [s.id for s in data.sets]
@@ -82,7 +82,7 @@ def states_words(data: ModalData, ids: Sequence[str]) -> str:
     return f"frequencies step at set {first} ({sizes}), and the sets kept are {whose}"
 
 
-def _comparable(data: ModalData) -> tuple[ModalData, list[str]]:
+def _comparable_sets(data: ModalData) -> tuple[ModalData, list[str]]:
     """The sets in the conditions of the reference set, or of most sets, and why others are not among them."""
     words = [tuple(sorted((k, v) for k, v in s.environment.items() if isinstance(v, str))) for s in data.sets]
     named = [k for k, s in enumerate(data.sets) if s.id == data.reference_set]

@@ -102,7 +102,7 @@ def learn_scales(
     axes = grid.scan_axes()
     for _ in range(ROUNDS):
         value = grid.values(axes)
-        axes = [_about(axis, special.logsumexp(value, axis=_sum_over_other_axes(k)), grid.number[k])
+        axes = [_scales_about(axis, special.logsumexp(value, axis=_sum_over_other_axes(k)), grid.number[k])
                 for k, axis in enumerate(axes)]
     value = grid.values(axes)
     prior_value = grid.log_prior(axes)
@@ -128,7 +128,7 @@ def _sum_over_other_axes(axis: int) -> tuple[int, ...]:
     return tuple(k for k in range(N_AXIS) if k != axis)
 
 
-def _about(axis: np.ndarray, log_share: np.ndarray, number: int) -> np.ndarray:
+def _scales_about(axis: np.ndarray, log_share: np.ndarray, number: int) -> np.ndarray:
     """`number` scales over where the marginal has its mass, a step beyond to either side."""
     if len(axis) == 1:
         return axis
@@ -176,7 +176,7 @@ class _Grid:
             for k, axis in enumerate(full):
                 if len(axis) > 1:
                     found = self.values([*at[:k], axis, *at[k + 1 :]]).ravel()
-                    at[k], axes[k] = axis[[np.argmax(found)]], _about(axis, found, self.number[k])
+                    at[k], axes[k] = axis[[np.argmax(found)]], _scales_about(axis, found, self.number[k])
         return axes
 
     def log_prior(self, axes: Sequence[np.ndarray]) -> np.ndarray:

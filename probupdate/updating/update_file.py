@@ -194,7 +194,7 @@ def summary(record: UpdateRecord) -> str:
     if misses(record):
         lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
                      "not to be trusted")
-    elif blunt(record):
+    elif is_uninformative(record):
         lines.append("NOT TESTED: standard deviations this wide let any model fit, and its parameters are not to be "
                      "trusted")
     if STEP in record.settings:
@@ -263,7 +263,7 @@ def _information(record: UpdateRecord) -> list[str]:
 def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
     """Parameter -> what the data say of it by the Gaussian approximation at the MAP."""
     width = gaussian_width(record.map_covariance, record.parameters)
-    return {p.name: identifiability(w, at_bound=bool(b), unproven=unproven(record), description=p.description)
+    return {p.name: identifiability(w, at_bound=bool(b), unproven=proves_nothing(record), description=p.description)
             for p, w, b in zip(record.parameters, width, record.map_at_bound, strict=True)}
 
 
@@ -281,15 +281,15 @@ def misses(record: UpdateRecord) -> bool:
     return record.map_misfit > beyond_chance(record.n_effective)
 
 
-def blunt(record: UpdateRecord) -> bool:
+def is_uninformative(record: UpdateRecord) -> bool:
     """Whether the standard deviations that were stated, or estimated from the misfit, are so wide that a fit within
     them says nothing."""
     return _usual_cov(record) >= BLUNT
 
 
-def unproven(record: UpdateRecord) -> bool:
+def proves_nothing(record: UpdateRecord) -> bool:
     """Whether the fit at the maximum says nothing for the parameters."""
-    return misses(record) or blunt(record)
+    return misses(record) or is_uninformative(record)
 
 
 def _usual_cov(record: UpdateRecord) -> float:
@@ -323,7 +323,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
     cov = _usual_cov(record)
-    if not misses(record) and blunt(record):
+    if not misses(record) and is_uninformative(record):
         whose = f" with what is stated of the model ({stated})" if stated else ""
         return (f"{text}: no test of the model, as standard deviations of {100 * cov:.2g} % of the frequencies (median)"
                 f"{whose} fit any model; no parameter counts as strongly identified until what is wrong with model or "

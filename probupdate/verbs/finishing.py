@@ -21,7 +21,7 @@ from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import finished_places
 from probupdate.runtime.executors import Executor
-from probupdate.runtime.progress import Progress, rising, silent
+from probupdate.runtime.progress import Progress, resumed_progress, silent
 from probupdate.structure.load import load_model, model_files
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.structure.tangent import Tangent, write_tangent
@@ -92,7 +92,7 @@ def diagnose(
     source = ModelSource(model=path, parameters=parameters, **of_model)
     # before the work: a file may be written again meanwhile
     inputs = _inputs(path.path if isinstance(path, Prepared) else path, parameters, modes)
-    found = diagnose_files(source, data, campaign=records, seed=seed, progress=rising(progress), **options)
+    found = diagnose_files(source, data, campaign=records, seed=seed, progress=resumed_progress(progress), **options)
     return replace(found, notes=(*notes, *found.notes), inputs=inputs)
 
 

@@ -37,7 +37,7 @@ from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
-from probupdate.structure.own_modes import implausible
+from probupdate.structure.own_modes import implausible_frequencies
 from probupdate.structure.plausible_size import implausible_extent, other_unit_words
 from probupdate.structure.subdyn_model import turns_nacelle
 from probupdate.verbs.models import (
@@ -258,11 +258,11 @@ def reference_at(
     far = implausible_places(sensors)
     if not has_geometry(model) and isinstance(turbine, AffineModel):
         _refuse_other_directions(str(where), turbine, sensors)
-        far = _elsewhere(turbine, sensors) or far
+        far = _distance_statements(turbine, sensors) or far
     found = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
     computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
     lowest_first = np.sort(np.hstack(computed))
-    odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible(turbine, lowest_first)]
+    odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible_frequencies(turbine, lowest_first)]
     lacking = lacking_notes(channels_of_model(model, turbine), campaigns)
     return replace(found, notes=(*odd, *far, *lacking, *found.notes))
 
@@ -273,7 +273,7 @@ def implausible_places(sensors: Sequence[Sensor]) -> tuple[str, ...]:
     return (f"suspect: {said}, and position_m in campaign.toml states it: in mm? state metres",) if said else ()
 
 
-def _elsewhere(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:
+def _distance_statements(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:
     """A sentence where channels sit far from what the model of matrices reads; another origin of axes is none."""
     places = {s.channel: s.position_m for s in channel_places(model)}
     known = [s for s in sensors if s.channel in places]

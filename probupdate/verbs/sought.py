@@ -13,7 +13,15 @@ from probupdate.errors import InputError
 from probupdate.identification.counterparts import further_modes
 from probupdate.identification.criteria import SelectionCriteria
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modal.labels import FAMILY, TURBINE, close_pairs, family, indistinguishable, sensed_character, unseen
+from probupdate.modal.labels import (
+    FAMILY,
+    TURBINE,
+    close_pairs,
+    family,
+    hardly_seen,
+    indistinguishable,
+    sensed_character,
+)
 from probupdate.modal.modes import ModeRecord, Sensor, mac
 from probupdate.structure.mode_labels import full_model, mode_labels
 
@@ -69,7 +77,7 @@ def reference_modes(
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
     labels = global_labels(model, solution, sensors, families)
-    hidden = unseen(shape)
+    hidden = hardly_seen(shape)
     place = {(FAMILY.get(family(x)), x.removeprefix(family(x))): j for j, x in enumerate(labels)}
     wanted = [place[k, str(number)] for k, number in MODES_OF_INTEREST if (k, str(number)) in place]
     if lowest is not None:

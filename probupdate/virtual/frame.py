@@ -270,7 +270,7 @@ def _soften_by_weight(mesh: Mesh, hidden: HiddenEffects, bodies) -> None:
             mesh.spring_along(i, axis, -scale * above / length, j)
 
 
-def _foreign(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects) -> None:
+def _add_foreign_springs(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects) -> None:
     """Springs that no drawing has."""
     names = file.value("jacket", "leg_names")
     for effect, stiffness in hidden.acting("cable"):
@@ -335,7 +335,7 @@ def build_structure(
     top = _tower(mesh, file, steel, truth)
     bodies = _bodies(file, truth, hidden)
     _soften_by_weight(mesh, hidden, bodies)
-    _foreign(mesh, file, hidden)
+    _add_foreign_springs(mesh, file, hidden)
     hub = next(k for k, body in enumerate(file.value("rna")) if body["name"] == "hub")
     sprung = _oscillators(mesh, file, hidden, top, bodies[hub][1])
     stiffness, mass = mesh.matrices()

@@ -22,7 +22,7 @@ from probupdate.reporting.identifiability import (
     identifiabilities,
     names_of,
 )
-from probupdate.reporting.overview_sections import conclusion, remarkable, verdict_section
+from probupdate.reporting.overview_sections import conclusion, notable_facts, verdict_section
 from probupdate.reporting.posterior_sections import choose_pairs, comparison_section
 from probupdate.reporting.updating_sections import update_section
 
@@ -434,7 +434,7 @@ def test_without_draws_the_width_is_that_of_the_gaussian(run):
 
 
 def test_fallbacks_are_a_remark_when_few_and_an_alarm_when_many(run):
-    few = [t for t in remarkable(run) if "reduced basis" in t]
+    few = [t for t in notable_facts(run) if "reduced basis" in t]
     assert few and "12 of 120\u202f000" in few[0] and not any("reduced basis" in t for t in alarming(run))
     many = replace(run.posterior, record=dict(run.posterior.record, fallback=60000))
     assert any("reduced basis" in t for t in alarming(replace(run, posterior=many)))

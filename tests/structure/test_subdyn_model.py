@@ -73,9 +73,9 @@ def test_an_inclined_beam_has_the_matrices_of_the_manual(tmp_path, fem, validati
     path = written(tmp_path, ["1 2 3", "3 5 9"], ["1 2 4 4 4 30"], [CLAMPED], fem=fem, arbitrary=[f"4 {values}"])
     file = read_subdyn(path)
     (element,) = build_subdyn_frame(file).elements
-    from probupdate.structure.subdyn_frame import arbitrary
+    from probupdate.structure.subdyn_frame import any_section
 
-    K, M = manual_beam(arbitrary(*map(float, values.split())), 7.0, fem == 3)
+    K, M = manual_beam(any_section(*map(float, values.split())), 7.0, fem == 3)
     turn = np.kron(np.eye(4), direction_cosines(np.array([1.0, 2, 3]), np.array([3.0, 5, 9]), 30.0))
     stiffness, mass = plain_matrices(file, element)
     row.error((stiffness - turn @ K @ turn.T) / np.abs(K).max(), below=1e-11, of="K")
