@@ -17,6 +17,7 @@ import numpy as np
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.settings import CONSTANTS
+from probupdate.modal.labels import moves_little
 from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, subspace_mac
 
 MODEL_MAC, MODEL_FREQUENCY, NO_MAC = CONSTANTS.model_mac, CONSTANTS.model_frequency, CONSTANTS.no_mac
@@ -29,7 +30,6 @@ LEAST_SIZE = CONSTANTS.least_size
 MOST_SINGLE, LIKELY = 2, 0.5
 # blocks that are compared at most, evenly over those that have the mode
 MOST_BLOCKS = 200
-SEEN = CONSTANTS.seen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -220,13 +220,12 @@ def _model_only(
     """Modes of the model below `highest_hz` that no measured one is, and whether the excitation should show them: those
     that move the sensors as others do and lie between modes that were found, so that the band was excited."""
     model = matched.model
-    size = np.linalg.norm(model.shape, axis=0)
-    result = []
+    little, result = moves_little(model.shape), []
     for i, (label, f) in enumerate(zip(model.labels, model.frequency_hz, strict=True)):
         if i in matched.partner.values() or (f > highest_hz and label not in wanted):
             continue
         excited = bool(len(found_hz) > 0 and min(found_hz) < f < max(found_hz) and f <= highest_hz)
-        moves = bool(size[i] >= SEEN * np.median(size))
+        moves = not little[i]
         result.append(ModelMode(label=label, frequency_hz=float(f), expected=excited and moves,
                                 hardly_seen=excited and not moves))
     return tuple(result)

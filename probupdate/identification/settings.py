@@ -62,9 +62,6 @@ class IdentificationConstants:
     no_mac: float = setting(0.35, "-", "a mode less alike than this at its own frequency is rather none of the model's")
     own_shape: float = setting(1.0, "-", "weight of a mode's own MAC, beside its plane's, in which of a pair is which")
     least_size: float = setting(0.02, "-", "a mode that moves the sensors little is less likely by this factor at most")
-    seen: float = setting(
-        0.2, "-", "sensors hardly see a model's mode with a smaller share of the others' motion at unit modal mass",
-        "a bridge's bending with the sensors at its nodes has 0.1, and its modes that were found 0.4 or more")
     frame_s: float = setting(40.0, "s", "length of the frames of the rotor's spectrogram")
     hop_s: float = setting(10.0, "s", "distance of these frames")
     speed_step: float = setting(0.02, "-", "relative step of the rotor speed between frames that costs one unit")

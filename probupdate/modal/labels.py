@@ -21,6 +21,9 @@ LOCAL_LIMIT = 0.5
 OBLIQUE_GAP, OBLIQUE = 0.02, 0.3
 # shapes at the sensors of a higher MAC are alike, and modes that move them less than this share of the most are unseen
 ALIKE_MAC, UNSEEN = 0.9, 1e-4
+# of the median motion at the sensors: a bridge's bending with the sensors at its nodes has 0.1, its modes that were
+# found 0.4 or more
+LITTLE = 0.2
 # bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft; of
 # a structure along a horizontal axis (`long_axis`) bending to the side, bending up and down, torsion, motion along it
 TURBINE, NEUTRAL, SPANNING = ("FA", "SS", "T"), ("X", "Y", "T"), ("H", "V", "T", "A")
@@ -162,6 +165,13 @@ def hardly_seen(shape: np.ndarray) -> np.ndarray:
     """(n_mode,) bool: modes of unit modal mass, shape (n_channel, n_mode), that hardly move a sensor beside others."""
     size = np.linalg.norm(shape, axis=0)
     return size <= UNSEEN * size.max(initial=0.0)
+
+
+def moves_little(shape: np.ndarray) -> np.ndarray:
+    """(n_mode,) bool: modes of unit modal mass, shape (n_channel, n_mode), that the sensors hardly see: they move these
+    by a small share of what most modes do."""
+    size = np.linalg.norm(shape, axis=0)
+    return size < LITTLE * np.median(size)
 
 
 def indistinguishable(labels: tuple[str, ...], frequency_hz: np.ndarray, shape: np.ndarray) -> tuple[str, ...]:

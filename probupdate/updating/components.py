@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from probupdate.modal.labels import moves_little
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.laplace import Laplace, prior_residual
 from probupdate.updating.problem import Problem
@@ -205,12 +206,15 @@ def _better_identified(problem: Problem, now: WhitenedResponses) -> Iterator[Can
 def _further_modes(
     problem: Problem, laplace: Laplace, now: WhitenedResponses, seen_hz: Sequence[float]
 ) -> Iterator[Candidate]:
-    """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
+    """The frequency of a mode of the model that the data do not have and the sensors would see, as exactly as the
+    median of those they have."""
     n_mode = problem.matching.n_mode
     solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
     taken = {int(i) for i in problem._assign(solution.frequency_hz[None], solution.shape[None])[0][0]}
     highest = max(taken)
     seen = np.array(seen_hz, float)
+    rows = np.unique(np.concatenate([group.rows for group in problem.groups]))
+    hidden = moves_little(solution.shape[rows])
     share = float(np.median([s / f for g in problem.groups for s, f in
                              zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))
     unknown = getattr(problem.model, "uncertainty", None)
@@ -220,7 +224,7 @@ def _further_modes(
         change = change * np.array([s.std for s in problem.error_sources])
     for i in range(min(n_mode, highest + 2)):
         f = solution.frequency_hz[i]
-        if i in taken or np.any(np.abs(np.log(seen / f)) < NEAR):
+        if i in taken or hidden[i] or np.any(np.abs(np.log(seen / f)) < NEAR):
             continue
         factor = np.zeros((1, now.factor.shape[1]))
         if change is not None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import optimize, sparse
 from updating_cases import (
     CHAIN_TRUTH,
     CHANNELS,
@@ -20,7 +20,9 @@ from updating_cases import (
 
 from probupdate import LikelihoodSettings, update
 from probupdate.errors import InputError
-from probupdate.modal.modes import CovarianceFactors, ModalData, mac
+from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, mac
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.affine import AffineModel
 from probupdate.updating.joint_set import joint_set
 from probupdate.updating.problem import Weights, build_problem
 
@@ -164,6 +166,24 @@ def test_a_mode_that_is_measured_is_not_to_be_measured_next():
 
     # without the others in the file the third is what to measure
     assert near(free) and not near(said)
+
+
+@pytest.mark.parametrize(("share", "named"), [(1.0, ["1.5"]), (0.05, [])])
+def test_a_mode_that_the_sensors_hardly_see_is_not_to_be_measured_next(share, named):
+    """Four masses by themselves, the third of which moves its channel by that share of its own motion."""
+    square = (2 * np.pi * np.array([1.0, 1.2, 1.5, 1.8])) ** 2
+    first, last = (sparse.csc_array(np.diag(square * one)) for one in ([1, 1, 0, 0], [0, 0, 1, 1]))
+    model = AffineModel(
+        name="masses", parameters=Parameters((Parameter(name="a", unit="-", initial=1.0, std=0.1),
+                                              Parameter(name="b", unit="-", initial=1.0, std=0.1))),
+        channels=("1", "2", "3", "4"), stiffness=(first, last), mass=(sparse.csc_array(np.eye(4)),),
+        coefficients=lambda theta: (theta, np.ones_like(theta[..., :1])),
+        channel_matrix=sparse.csr_array(np.diag([1.0, 1.0, share, 1.0])), hash_key=f"masses {share}")
+    data = ModalData(channels=model.channels, labels=("1", "2"), sets=(
+        ModalSet(id="0", frequency_hz=np.array([1.0, 1.2]), damping_ratio=np.full(2, 0.01), shape=np.eye(4)[:, :2],
+                 frequency_std_hz=np.full(2, 0.001), shape_std=np.full((4, 2), 0.01)),))
+    measures = update(model, data, likelihood=LikelihoodSettings(shapes="none")).components.measures
+    assert sorted(x for m in measures for x in re.findall("the model's mode at ([0-9.]+) Hz", m)) == named
 
 
 def test_a_parameter_about_zero_has_no_cov_over_sets():
