@@ -19,7 +19,7 @@ from probupdate.io.files import sha256
 from probupdate.io.result_table import files_table
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
-from probupdate.reporting.run_files import finished_places
+from probupdate.reporting.run_files import finished_places, run_places
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, resumed_progress, silent
 from probupdate.structure.load import load_model, model_files
@@ -138,8 +138,13 @@ def export(
 
     if to != "lifetime":
         raise InputError("to", f"'{to}' is unknown", "choose lifetime")
-    folder = Path(run)
-    places = finished_places(folder, parts_elsewhere(**elsewhere))
+    folder, given = Path(run), parts_elsewhere(**elsewhere)
+    # before minutes of work are spent on the rest, or on a posterior
+    if fatigue is not None:
+        read_conditions(fatigue)
+        if "model" in (there := run_places(folder, given)):
+            refuse_without_members(there["model"])
+    places = finished_places(folder, given)
     parameters = places.get("parameters")
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
@@ -151,10 +156,6 @@ def export(
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
         changes=changes_of_structure(found), source=places)
     refuse_unfit(results, Path(out), settings, reliability=fatigue is not None)
-    if fatigue is not None:
-        # before minutes of work are spent on the rest
-        read_conditions(fatigue)
-        refuse_without_members(places["model"])
     results = replace(results, problem=_sampled_problem(folder, places, found, results.posterior, progress))
     return export_lifetime(
         results, Path(out), settings, progress=progress,

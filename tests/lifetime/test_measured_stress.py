@@ -310,11 +310,13 @@ def test_the_model_may_lie_outside_the_run(case, capsys, tmp_path, monkeypatch, 
     assert words in capsys.readouterr().err
 
 
-def test_matrices_are_refused_before_a_posterior_is_asked_for(case, capsys, tmp_path, monkeypatch):
+@pytest.mark.parametrize("step", [["stresses", "campaign", "--out", "new", "--run"],
+                                  ["export", "--to", "lifetime", "--draws", "2"]])
+def test_matrices_are_refused_before_a_posterior_is_asked_for(case, capsys, tmp_path, monkeypatch, step):
     folder, _ = case
     monkeypatch.chdir(folder)
     (tmp_path / "model.npz").write_bytes(b"")
-    assert main(["stresses", "campaign", "--run", str(tmp_path), "--fatigue", "fatigue.toml", "--out", "new"]) == 2
+    assert main([*step, str(tmp_path), *["new"][: step[0] == "export"], "--fatigue", "fatigue.toml"]) == 2
     words = capsys.readouterr().err
     assert "has no members" in words and "probupdate sample" not in words
 
