@@ -253,7 +253,7 @@ def _worst_error(measured: np.ndarray, computed: np.ndarray) -> float:
 
 def compared_words(update: UpdateRecord) -> str:
     """How many of the measured modes an error of frequencies is of."""
-    n, of = int(np.isfinite(update.initial_hz).sum()), len(update.labels)
+    n, of = (int(np.isfinite(hz).sum()) for hz in (update.initial_hz, update.measured_hz))
     return f"all {of} measured modes" if n == of else f"{n} of {of} measured modes, the others not compared,"
 
 
