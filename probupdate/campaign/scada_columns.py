@@ -34,11 +34,11 @@ RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
 RATED_WIND = (8.5, 14.0)
 # power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
 LEAST_SHARE, MOST_SHARE = 0.02, 1.6
-# up to this share, below which only a curtailed turbine stays in it, another unit is asked about where one fits
-SMALL_SHARE = (RUNS_ABOVE / RATED_WIND[1]) ** 3
 WIND_UNITS = {"knots": 0.514444, "miles an hour": 0.44704, "km/h": 1 / 3.6}
 # pitch (degrees) of blades that are feathered
 FEATHERED = (60.0, 95.0)
+# a table in which a wind stays the same so long is rarer than this
+CHANCE = 1e-3
 # fewest rows of which something is said
 FEW = 3
 # rows whose angle is so far from those before and after, which agree within SAME and are so near north
@@ -70,12 +70,12 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
             notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
     for column in COMPASS:
         notes += _check_angle_means(table, column)
-    notes += _check_stillness(table, rated_power_kw)
+    notes += [*_check_stillness(table, rated_power_kw), *_check_frozen_wind(table)]
     for test in (_power_unit, _rotor_unit, _wind_unit, _pitch_unit):
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
             notes.append(f"suspect: {sentence}; the column is not used")
-    notes += [*_compass_unit(table, rated_power_kw), *_temperature_unit(table)]
+    notes += [*_check_no_power(table, rated_power_kw), *_compass_unit(table, rated_power_kw), *_temperature_unit(table)]
     return Columns(table=table, notes=tuple(notes))
 
 
@@ -109,15 +109,50 @@ def _is_filler(value: float, column: np.ndarray) -> bool:
 def _check_stillness(table: pd.DataFrame, rated: float | None) -> list[str]:
     """Calm or a rotor that stands in a few of the rows in which the turbine gives a fifth of its power, as zeros that
     stand for none: such a row has no wind or speed."""
-    power, notes = _column(table, "power_kw"), []
-    gives = power > 0.2 * _full_power(power, rated)
-    for name, least in (("wind_speed_mps", 0.5 * np.cbrt(0.2) * RATED_WIND[0]), ("rotor_speed_rpm", TURNS)):
-        gone = gives & (_column(table, name) < least)
-        if 0 < gone.sum() < 0.5 * gives.sum():
-            table[name] = table[name].where(~gone)
-            notes.append(f"{plural(int(gone.sum()), 'value')} of {name} in SCADA below {least:.2g}, in rows in which "
-                         "the turbine gives a fifth of its power or more, cannot be: taken as missing")
-    return notes
+    power = _column(table, "power_kw")
+    gives, when = power > 0.2 * _full_power(power, rated), "the turbine gives a fifth of its power or more"
+    return [*_without_least(table, "wind_speed_mps", gives, 0.5 * np.cbrt(0.2) * RATED_WIND[0], when),
+            *_without_least(table, "rotor_speed_rpm", gives, TURNS, when)]
+
+
+def _check_no_power(table: pd.DataFrame, rated: float | None) -> list[str]:
+    """No power in a few of the rows in which the rotor turns in wind that gives a fifth of it: -1 and 0 for none."""
+    power, wind, rotor = (_column(table, c) for c in ("power_kw", "wind_speed_mps", "rotor_speed_rpm"))
+    full = _full_power(power, rated)
+    usual = rotor[(power > 0.2 * full) & np.isfinite(rotor)]
+    turns = (rotor > max(0.5 * np.median(usual), TURNS)) & (wind > RUNS_ABOVE) if len(usual) else rotor > np.inf
+    return _without_least(table, "power_kw", turns, LEAST_SHARE * full, f"the rotor turns in over {RUNS_ABOVE:g} m/s")
+
+
+def _without_least(table: pd.DataFrame, name: str, rows: np.ndarray, least: float, when: str) -> list[str]:
+    gone = rows & (_column(table, name) < least)
+    if not 0 < gone.sum() < 0.5 * rows.sum():
+        return []
+    table[name] = table[name].where(~gone)
+    return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA below {least:.2g}, in rows in which {when}, cannot "
+            "be: taken as missing"]
+
+
+def _check_frozen_wind(table: pd.DataFrame) -> list[str]:
+    """A wind that stays the same to its last digit while power or rotor change, for longer than that happens by chance
+    with how often it goes on in the shorter of its runs. Its least value is a calm's."""
+    wind = _column(table, "wind_speed_mps")
+    driven = np.column_stack([_column(table, c) for c in ("power_kw", "rotor_speed_rpm")])
+    again = np.zeros(len(wind) + 1, bool)
+    again[1:-1] = (np.diff(wind) == 0) & (np.abs(np.diff(driven, axis=0)) > 0).any(axis=1) & (wind[1:] > np.nanmin(
+        wind, initial=np.inf))
+    first, end = np.flatnonzero(again[1:] & ~again[:-1]), np.flatnonzero(again[:-1] & ~again[1:])
+    length, gone = end - first, np.zeros(len(wind), bool)
+    for start, steps in zip(first, length, strict=True):
+        shorter = length[length < steps]
+        goes_on = (np.sum(shorter - 1) + 1) / (np.sum(shorter) + 2)
+        gone[start: start + steps + 1] |= len(wind) * goes_on**steps < CHANCE
+    if not gone.any():
+        return []
+    table["wind_speed_mps"] = np.where(gone, np.nan, wind)
+    begins = table.index[int(np.argmax(gone))].strftime("%Y-%m-%d %H:%M")
+    return [f"{plural(int(gone.sum()), 'value')} of wind_speed_mps in SCADA, first {begins}, stay the same while "
+            "power or rotor change, as of a stuck anemometer: taken as missing"]
 
 
 # Angles -------------------------------------------------------------------------------------------------------------
@@ -228,13 +263,19 @@ def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
         return []
     full = rated or LARGE_KW
     high = most / full > MOST_SHARE if rated else most > 1e5
-    if not high and (len(at) < FEW or float(np.max(power[at])) > SMALL_SHARE * full):
+    # below the share of a wind only a curtailed turbine stays in it: another unit is asked about where one fits
+    strongest = RUNS_ABOVE if rated else float(np.fmax.reduce(wind[at], initial=RUNS_ABOVE))
+    least = min(strongest / RATED_WIND[1], 1.0) ** 3
+    if not high and (len(at) < FEW or float(np.max(power[at])) > least * full):
         return []
     k = int(np.nanargmax(power)) if high or not len(at) else int(at[np.argmax(power[at])])
     share = f" ({100 * power[k] / rated:.2g} % of rated_power_kw)" if rated else ""
     beside = " and ".join(f"{v[k]:.3g} {unit}" for v, unit in ((wind, "m/s"), (rotor, "rpm")) if np.isfinite(v[k]))
     text = f"power_kw in SCADA reaches {power[k]:.6g}{share}{' at ' + beside if beside else ''}: "
     units = (("MW", 1e3), ("W", 1e-3), ("percent of rated power", full / 100), ("a share of rated power", full))
+    if rated is None and not high and most > 30:
+        return [("power_kw", text + "is it in percent of rated power? State rated_power_kw in campaign.toml, and "
+                 "`check` gives the factor")] if most < 130 else []
     fits = [(name, factor) for name, factor in units if 0.3 < factor * power[k] / full < 1.3] if rated else (
         [("MW", 1e3)] if not high else [("W", 1e-3)])
     if not fits:

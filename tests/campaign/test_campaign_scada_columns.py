@@ -100,6 +100,13 @@ def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path, megawatt):
     assert "power_kw" not in found and "MW" in found.attrs["notes"][0]
 
 
+def test_without_rated_power_percent_is_said_in_wind_of_more(tmp_path):
+    wind = np.linspace(3, 14, N)
+    table = scada(wind_speed_mps=wind, power_kw=100 * power_curve(wind, 12.0) / RATED, rotor_speed_rpm=12.0)
+    assert "percent" in read(tmp_path, table, rated=None).attrs["notes"][0]
+    assert not read(tmp_path, table.assign(wind_speed_mps=wind / 2), rated=None).attrs["notes"]
+
+
 @pytest.mark.parametrize("rated", [850.0, 2300.0, 15000.0])
 def test_power_in_percent_is_said_of_small_turbines_too(tmp_path, rated):
     power = scada()["power_kw"] / RATED
@@ -115,6 +122,34 @@ def test_a_zero_while_power_is_given_is_missing(tmp_path, column):
     found = read(tmp_path, scada(**{column: {25: 0.0, 30: 0.0}}))
     assert np.flatnonzero(found[column].isna()).tolist() == [25, 30]
     assert f"2 values of {column} in SCADA below" in found.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("value", [-1, 0])
+def test_no_power_while_the_rotor_turns_in_wind_is_missing(tmp_path, value):
+    found = read(tmp_path, scada(power_kw={3: value, 25: value, 30: value}))
+    assert np.flatnonzero(found["power_kw"].isna()).tolist() == [25, 30]
+    assert "2 values of power_kw in SCADA below" in found.attrs["notes"][0]
+
+
+def winds(seed, digits, n=1008):
+    """A week of ten-minute means: a slow weather (a day) and what is left of turbulence, as rounded; and its power."""
+    rng = np.random.default_rng(seed)
+    slow = signal.lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal(n))
+    wind = np.abs(9 + 2 * slow + 0.4 * rng.standard_normal(n))
+    power = power_curve(wind * (1 + 0.03 * rng.standard_normal(n)), 12.0)
+    time = pd.date_range("2024-05-01T00:00Z", periods=n, freq="10min").strftime("%Y-%m-%dT%H:%M:%SZ")
+    return pd.DataFrame({"time": time, "wind_speed_mps": np.round(wind, digits), "power_kw": np.round(power)})
+
+
+@pytest.mark.parametrize(("digits", "rows"), [(1, 18), (2, 18), (0, 72)])
+def test_a_stuck_anemometer_is_said_and_missing(tmp_path, digits, rows):
+    clean = sum(bool(read(tmp_path, winds(seed, digits)).attrs["notes"]) for seed in range(20))
+    assert clean == 0
+    table = winds(50, digits)
+    table.loc[300: 299 + rows, "wind_speed_mps"] = table.loc[300, "wind_speed_mps"]
+    found = read(tmp_path, table)
+    assert set(range(300, 300 + rows)) <= set(np.flatnonzero(found["wind_speed_mps"].isna()))
+    assert found["wind_speed_mps"].isna().sum() <= rows + 2 and "stuck anemometer" in found.attrs["notes"][0]
 
 
 def power_curve(wind, at_rated):
@@ -188,7 +223,7 @@ def test_an_empty_row_before_the_good_one_is_filled_from_it(tmp_path):
     empty.loc[:, empty.columns != "time"] = np.nan
     found = read(tmp_path, pd.concat([table.iloc[:20], empty, table.iloc[20:]]))
     assert len(found) == N and found.attrs["contradicted"] == 0 and found["power_kw"].iloc[20] == RATED
-    other = table.iloc[[20]].assign(power_kw=17.0)
+    other = table.iloc[[20]].assign(power_kw=4000.0)
     assert read(tmp_path, pd.concat([table, other])).attrs["contradicted"] == 1
 
 
