@@ -197,7 +197,8 @@ def _best_delay(double: np.ndarray, frequency: np.ndarray) -> float:
     near = np.abs(time) <= LARGEST_DELAY_S
     order = np.argsort(time[near])
     score, time = score[near][order], time[near][order]
-    good = np.flatnonzero(score > 0.9 * score.max())
+    # in a band of few low lines no delay may gather them
+    good = np.flatnonzero(score >= score.max() - 0.1 * abs(score.max()))
     k = int(good[np.argmin(np.abs(time[good]))])
     # climb to the top of that hill
     while 0 < k < len(score) - 1 and max(score[k - 1], score[k + 1]) > score[k]:

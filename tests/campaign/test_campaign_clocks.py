@@ -95,6 +95,11 @@ def test_a_filter_of_one_channel_is_named_and_no_clock(campaign_folder, storeys,
     assert len(said) == 1 and "a filter or a mount of its own" in said[0]
 
 
+def test_check_ends_where_no_delay_gathers_the_few_lines_in_common(campaign_folder, storeys):
+    record, time = storeys
+    assert check(read_campaign(campaign_folder([(0, record(5e-3 * time))], head=HEAD))).findings
+
+
 def test_a_clock_that_runs_minutes_away_is_not_dead():
     """After a delay of a segment's length, from the sixth half hour on, channels have nothing in common."""
     dead = (Suspicion(kind=DEAD, channels=("b",)),)
