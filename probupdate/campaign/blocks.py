@@ -109,18 +109,18 @@ def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Tim
     for recording in recordings(campaign):
         origin = _origin(recording, length.value)
         spans, found = [], set()
-        for file in recording.files:
-            last = file.start + max(file.n_sample - 1, 0) * step
+        for file, (row, end) in ((f, span) for f in recording.files for span in f.spans or ((0, f.n_sample),)):
+            first, last = file.start + row * step, file.start + max(end - 1, 0) * step
             # samples are placed to the nearest: a file that starts a hair before a block belongs to that block alone,
             # and the last sample may belong to the block that begins just after it
-            first_block = (file.start.value + step.value // 2 - origin) // length.value
+            first_block = (first.value + step.value // 2 - origin) // length.value
             found.update(range(first_block, max((last.value - origin) // length.value, first_block) + 1))
             spans.append((file, first_block, (last.value + step.value // 2 - origin) // length.value))
         for k in sorted(found):
             touching.setdefault(origin + k * length.value, [])
         for file, first_block, last_block in spans:
             for k in range(first_block, last_block + 1):
-                if k in found:
+                if k in found and file not in touching[origin + k * length.value][-1:]:
                     touching[origin + k * length.value].append(file)
     return {pd.Timestamp(start, tz="UTC"): tuple(touching[start]) for start in sorted(touching)}
 

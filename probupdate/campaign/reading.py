@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -72,13 +72,15 @@ class WrittenCampaign:
 @dataclass(frozen=True, kw_only=True)
 class RecordFile:
     """One HDF5 or Parquet file or Zarr array of the campaign; `start` is UTC. size, changed_ns: of the file when it was
-    scanned, before its head was read; of an array size of its head, and the last change of any of its files."""
+    scanned, before its head was read; of an array size of its head, and the last change of any of its files. spans:
+    rows (first, end) of which an array has chunks; all of the file where empty."""
 
     path: Path
     start: pd.Timestamp
     n_sample: int
     size: int
     changed_ns: int
+    spans: tuple[tuple[int, int], ...] = ()
 
     def refuse_changed(self, first: int, last: int) -> None:
         """Raises InputError where the file, or of an array what holds rows `first` to `last`, is no more what was
@@ -307,16 +309,17 @@ def _scan_file(path: Path, rate_hz: float, sensors: tuple[Sensor, ...]) -> Recor
     # before the head is read: what takes the file's place meanwhile is not what was scanned
     with parsing(str(path), "cannot be read", "write it again or remove it"):
         state = _state(path)
+    spans = ()
     if table:
         start, rate, n_sample = parquet_head(path, sensors)
     elif array:
-        start, rate, names, n_sample = zarr_head(path, sensors)
+        start, rate, names, n_sample, spans = zarr_head(path, sensors)
         if names is not None:
             _refuse_renamed(path, names, tuple(s.channel for s in sensors))
     else:
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
             start, rate, n_sample = _hdf5_head(path, file, sensors)
-    return _check_file(path, n_sample, start, rate, rate_hz, state)
+    return replace(_check_file(path, n_sample, start, rate, rate_hz, state), spans=spans)
 
 
 def channels_attribute(channels: tuple[str, ...]) -> str:

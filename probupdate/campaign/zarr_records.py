@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,10 @@ CODECS = frozenset({"bytes", "transpose", "blosc", "gzip", "zstd", "crc32c", "sh
 AGAIN = "write it again as zarr.create_array does, or remove it"
 
 
-def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int]:
-    """Start, sampling rate and names of the channels (None where they are not said) as they are written, and the number
-    of samples. Raises InputError where a number or the package zarr is missing."""
+def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int, tuple[tuple[int, int], ...]]:
+    """Start, sampling rate and names of the channels (None where they are not said) as they are written, the number of
+    samples, and the rows (first, end) of which chunks are there. Raises InputError where a number or the package zarr
+    is missing."""
     files, n_channel = set(zarr_files(path)), len(sensors)
     if HEAD not in files:
         raise InputError(str(path), "holds no zarr.json", "write a Zarr array of format 3")
@@ -58,7 +60,19 @@ def zarr_head(path: Path, sensors: Sequence[Sensor]) -> tuple[Any, Any, Any, int
     refuse_other_words(str(path), sensors, attributes)
     names = attributes.get("channels")
     return (attributes["start"], attributes["sampling_rate_hz"],
-            json.dumps(names) if isinstance(names, list) else names, int(array.shape[0]))
+            json.dumps(names) if isinstance(names, list) else names, int(array.shape[0]),
+            _stored_spans(path, files, array))
+
+
+def _stored_spans(path: Path, files: Iterable[str], array: Any) -> tuple[tuple[int, int], ...]:
+    """Rows (first, end) of chunks beside one another that are there, by the first number of a chunk's name."""
+    size, n_row = (array.shards or array.chunks)[0], int(array.shape[0])
+    there = np.unique([int(place.group()) for name in files if (place := re.search(r"\d+", name))]).astype(int)
+    there = there[there * size < n_row]
+    if n_row and not len(there):
+        raise InputError(str(path), f"none of its {array.nchunks} chunks is there", "copy them too, or remove it")
+    parts = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+    return tuple((int(p[0]) * size, min(int(p[-1] + 1) * size, n_row)) for p in parts if len(p))
 
 
 def zarr_rows(path: Path, first: int, last: int) -> tuple[Any, np.ndarray]:

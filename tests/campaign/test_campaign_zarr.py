@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from probupdate.campaign import zarr_records
-from probupdate.campaign.blocks import blocks
+from probupdate.campaign.blocks import block_files, blocks
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.block_store import sources
@@ -78,6 +78,15 @@ def test_a_chunk_that_is_not_there_is_lost_and_never_zero(folder):
     changed(path, fill_value=0.0)
     with pytest.raises(InputError, match=r"a\.zarr: 1 of 5 chunks are not there and would be read as 0"):
         read_campaign(folder)
+
+
+def test_blocks_of_which_no_chunk_is_there_are_not_read(folder):
+    """Rows for a year are declared, of which the first chunks and one at the end are there."""
+    as_zarr(folder)
+    path, n_block = folder / "acceleration" / "a.zarr", len(list(blocks(read_campaign(folder))))
+    changed(path, shape=[150_000_000, json.loads((path / "zarr.json").read_text())["shape"][1]])
+    shutil.move(path / "c" / "4", path / "c" / "200000")
+    assert len(block_files(read_campaign(folder))) <= n_block + 2
 
 
 def test_a_copied_array_holds_the_same_record_and_a_changed_chunk_another(folder, tmp_path):
