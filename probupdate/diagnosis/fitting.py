@@ -26,10 +26,10 @@ WARM = 3
 # the least value: signatures are derivatives of the expected modes alone, and where much is left over the residuals
 # from them change a little otherwise
 FLAT, FLAT_SHARE = 0.1, 0.03
-# the first step is no longer than so many prior standard deviations
+# a step is no longer than so many prior standard deviations, unless it leads on along the last one
 LONGEST, HALVINGS = 1.0, 6
 # a step that leads back by this share of its length, and is this much of the last one at least, goes to and fro; by how
-# much longer the next steps may be where it does not
+# much more of the next steps is taken where it does not, and by how much longer one may be that leads on
 BACK, BACK_AS_FAR, RECOVERS = 0.5, 0.7, 1.25
 # steps that may go uphill
 MOST_LEAPS = 8
@@ -381,7 +381,7 @@ def fitted_without_candidates(
         noise = base.design.noise
         design = design_without_candidates(problem, theta, included, noise, base.design)
     fresh, renewed, leaps, step = base is None, base is not None, 0, np.inf
-    reach, way = LONGEST, np.zeros(0)
+    relaxed, reach, way = 1.0, LONGEST, np.zeros(0)
     for number in range(MOST_STEPS):
         ended = step < SETTLED
         # far from where the fit ends the noise is not what it is there
@@ -403,13 +403,14 @@ def fitted_without_candidates(
         before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
-        reach, way = _next_reach(reach, way, newton.way)
-        trial = None if promised < FLAT else _step_downhill(problem, design, theta, included, newton, before, reach)
+        relaxed, reach, way = _relax_step(relaxed, reach, way, newton.share(LONGEST) * newton.way)
+        share = relaxed * newton.share(reach)
+        trial = None if promised < FLAT else _step_downhill(problem, design, theta, included, newton, before, share)
         if trial is not None:
             # a step that had to be shortened is not a small one
             step = _length(problem, design, theta, included, trial) / trial.share
-            # farther than the first one only as far as it led down
-            reach = max(min(LONGEST, reach), trial.share * newton.longest)
+            # on only as far as it led down
+            reach = max(LONGEST, trial.share * newton.longest)
         elif promised <= max(1.0, FLAT_SHARE * before):
             # the least value along this line
             step = 0.0
@@ -442,7 +443,7 @@ def first_steps(
         newton = _newton(problem, design, theta, included, centred)
         misfit = design.misfit(residuals, design.held(len(problem.updated))) + penalty(problem, theta, included,
                                                                                        included)
-        trial = _step_downhill(problem, design, theta, included, newton, misfit)
+        trial = _step_downhill(problem, design, theta, included, newton, misfit, newton.share(LONGEST))
         if trial is None:
             break
         theta, included, here, misfit = trial.theta, trial.included, trial.there, trial.misfit
@@ -470,15 +471,17 @@ class _Newton:
         return min(1.0, reach / self.longest)
 
 
-def _next_reach(reach: float, before: np.ndarray, way: np.ndarray) -> tuple[float, np.ndarray]:
-    """How long the step along `way` may be, after one along the way `before` (empty for the first) that might be as
-    long as `reach`, all in prior standard deviations; and the way. Half as long as the last where it leads back: of two
-    points each may be better as seen from the other, as what is not known of an effect grows with its size."""
+def _relax_step(share: float, reach: float, before: np.ndarray, way: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """The share of the next step that is taken, how long it may be, and the `way` itself, after one along `before`
+    (empty for the first). Half as much where it leads back: of two points each may be better as seen from the other, as
+    what is not known of an effect grows with its size. Farther where whole steps lead on."""
     if not len(before):
-        return reach, way
+        return share, reach, way
     last, length = float(np.linalg.norm(before)), float(np.linalg.norm(way))
-    back = length > BACK_AS_FAR * last and before @ way < -BACK * last * length
-    return 0.5 * min(reach, float(np.max(np.abs(before)))) if back else reach * RECOVERS, way
+    along = before @ way / max(last * length, 1e-300)
+    back = length > BACK_AS_FAR * last and along < -BACK
+    farther = share == 1.0 and along > BACK
+    return min(1.0, share * (0.5 if back else RECOVERS)), reach * RECOVERS if farther else LONGEST, way
 
 
 def _newton(
@@ -532,11 +535,11 @@ class _Trial:
 
 def _step_downhill(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
-    newton: _Newton, before: float, reach: float = LONGEST,
+    newton: _Newton, before: float, most: float,
 ) -> _Trial | None:
-    """The longest of the halvings of a step no longer than `reach` that lowers -2 ln posterior from `before`; None
-    where none does."""
-    for share in newton.share(reach) * 0.5 ** np.arange(HALVINGS):
+    """The longest of the halvings of the share `most` of a step that lowers -2 ln posterior from `before`; None where
+    none does."""
+    for share in most * 0.5 ** np.arange(HALVINGS):
         trial = _trial(problem, design, theta, included, newton, share)
         if trial.misfit < before:
             return trial
