@@ -459,10 +459,10 @@ def axial_forces(
     the tower and what stands on it, which decide the first modes, have their own weight.
     """
     return axial_forces_under(frame, values, theory,
-                              transformation(frame).T @ load_vectors(frame, values, theory, loads))
+                              transformation(frame).T @ nodal_forces(frame, values, theory, loads))
 
 
-def load_vectors(
+def nodal_forces(
     frame: Frame, values: Mapping[str, float], theory: str, loads: Sequence[Prestress]
 ) -> np.ndarray:
     """(6 n_node + n_released, n_load) forces in N on the nodes."""

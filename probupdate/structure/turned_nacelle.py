@@ -16,8 +16,8 @@ from probupdate.structure.assembly import (
     axial_forces_under,
     body_mass,
     geometric_stiffness,
-    load_vectors,
     loads_of,
+    nodal_forces,
     node_dofs,
     sum_contributions,
     transformation,
@@ -44,7 +44,7 @@ def turned_terms(
         updated, values, transform)
     loads, stiff = loads_of(frame, gravity_mps2), []
     if loads:
-        down = transform.T @ (hanging[:, None] * load_vectors(frame, values, theory, loads))
+        down = transform.T @ (hanging[:, None] * nodal_forces(frame, values, theory, loads))
         forces = axial_forces_under(frame, values, theory, np.hstack([level @ down, quarter @ down]))
         stiff = [sum_contributions(geometric_stiffness(frame, part, [load.coefficient for load in loads]), updated,
                                    values, transform) for part in np.split(forces, 2, axis=1)]
