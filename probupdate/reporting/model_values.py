@@ -12,7 +12,7 @@ from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
 from probupdate.updating.joint_set import joint_set
-from probupdate.updating.problem import solution_beyond
+from probupdate.updating.set_matching import solution_beyond
 from probupdate.updating.update_file import UpdateRecord
 
 # modes drawn of a model that nothing was measured on

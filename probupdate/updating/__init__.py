@@ -9,5 +9,5 @@ __all__ = [
     "alpha", "comparison", "components", "discrepancy", "ensemble", "evidence", "hierarchical", "identifiability",
     "information", "joint_file", "joint_inference", "joint_result", "joint_set", "joint_system", "laplace",
     "outlier_sets", "posterior_file", "predictive", "problem", "responses", "runs", "scales", "set_likelihoods",
-    "set_views", "set_views_file", "settings", "shared_error", "tikhonov", "update_file",
+    "set_matching", "set_views", "set_views_file", "settings", "shared_error", "tikhonov", "update_file",
 ]

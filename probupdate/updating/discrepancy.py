@@ -26,10 +26,11 @@ from probupdate.runtime.settings import refuse_other_types, setting
 from probupdate.updating.baseline import LearntError, Rows
 from probupdate.updating.baseline_file import Baseline, read_baseline
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori, prior_residual
-from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
+from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights
 from probupdate.updating.responses import FORM_FREQUENCY_COV, FORM_SHAPE_STD, SHAPE_FACTOR
 from probupdate.updating.scales import MOST, Evidence, LearntScales, hyper_scales, learn_scales
 from probupdate.updating.set_likelihoods import Coordinates
+from probupdate.updating.set_matching import suspected_channels, with_mistake
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import GaussianPrior, shared_error
 from probupdate.updating.tikhonov import update

@@ -16,9 +16,8 @@ import numpy as np
 from scipy import linalg, special
 
 from probupdate.errors import InputError, ProbupdateError
-from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import APART, Matching, channel_rows, match, nearest_free, reading
-from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.modal.matching import Matching, channel_rows, nearest_free, reading
+from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
@@ -27,13 +26,10 @@ from probupdate.updating.images import Images
 from probupdate.updating.mixing import mix_modes
 from probupdate.updating.pairing import paired_modes
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
-from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.set_matching import SEARCH, match_set
 
 __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 
-SEARCH = CONSTANTS.search
-# where these end below the highest measured mode, up to so many times as many
-MOST_SEARCHED = 8
 # frequencies this near, as a share, are equal: derivatives of their shapes are rounding's
 EQUAL = 1e-7
 # of a response's stated standard deviation: the least that is left where its discrepancy counts elsewhere
@@ -611,61 +607,12 @@ class Problem:
         return _hash(*(text for pair in self.parts().items() for text in pair))
 
 
-def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
-    """The same refusal with what would explain it."""
-    return InputError(error.where, f"{error.problem}; {likely.sentence}", likely.remedy)
-
-
-def _refuse_mistake(error: InputError, likely: ChannelMistake | None) -> None:
-    """Raises it with the channels' mistake that would explain it, where there is one."""
-    if likely is not None:
-        raise with_mistake(error, likely) from None
-
-
-def suspected_channels(
-    model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None,
-    absent: Sequence[int] = (),
-) -> ChannelMistake | None:
-    """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta
-    (n_param,); of modes that are `absent` in the model no sensor is to blame."""
-    rows = channel_rows(model, data.channels)
-    model, modal_set = reading(model, data.felt), data.set(set_id)
-    n_mode = len(solution_beyond(model, modal_set).frequency_hz)
-    if len(absent):
-        shape = np.array(modal_set.shape)
-        shape[:, list(absent)] = np.nan
-        frequency = np.array(modal_set.frequency_hz)
-        frequency[list(absent)] = np.nan
-        modal_set = replace(modal_set, shape=shape, frequency_hz=frequency)
-    return channel_mistake(modal_set, data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
-
-
 def _hash(*parts: str | np.ndarray) -> str:
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
         digest.update(b"|")
     return digest.hexdigest()
-
-
-def _prior_cov(model: Model, n_mode: int) -> np.ndarray:
-    """(n_mode, n_mode) covariance of ln f by the prior, to first order."""
-    solution = model.solve(model.parameters.initial, n_mode, derivatives=True)
-    slope = solution.both_derivatives[0] / solution.frequency_hz[:, None]
-    return slope @ model.parameters.covariance @ slope.T
-
-
-def solution_beyond(model: Model, modal_set: ModalSet) -> ModalSolution:
-    """The model's modes among which the measured ones are looked for, SEARCH more than these or all up to the highest
-    of them: a structure of many members has many modes below the next that is identified."""
-    n_mode = min(modal_set.frequency_hz.size + SEARCH, model.n_available)
-    most = min(MOST_SEARCHED * n_mode, model.n_available)
-    highest = np.max(modal_set.frequency_hz[modal_set.measured], initial=0.0) * np.exp(APART)
-    while True:
-        solution = model.solve(model.parameters.initial, n_mode)
-        if n_mode == most or solution.frequency_hz[-1] > highest:
-            return solution
-        n_mode = min(2 * n_mode, most)
 
 
 def build_problem(
@@ -689,16 +636,7 @@ def build_problem(
     rows = channel_rows(model, data.channels)
     if clusters is None and weights.shapes == "components":
         clusters = [(j,) for j in range(data.n_mode)]
-    solution = solution_beyond(model, modal_set)
-    try:
-        matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters,
-                         planes=weights.shapes != "components",
-                         prior_cov=lambda: _prior_cov(model, len(solution.frequency_hz)))
-    except InputError as error:
-        _refuse_mistake(error, channel_mistake(modal_set, data.channels, [solution.shape[rows]]))
-        raise
-    if matching.uncertain is not None:
-        _refuse_mistake(matching.uncertain, channel_mistake(modal_set, data.channels, [solution.shape[rows]]))
+    matching = match_set(model, data, modal_set, clusters=clusters, planes=weights.shapes != "components")
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels, len(g.mates))
                    for g in matching.groups)

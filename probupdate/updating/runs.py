@@ -28,7 +28,8 @@ from probupdate.updating.exchanges import images_about
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori, probable_draws
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
-from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
+from probupdate.updating.problem import Prediction, Problem, Weights, build_problem
+from probupdate.updating.set_matching import suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.surrogate import GaussianApproximation, Proposal, fit_surrogate
