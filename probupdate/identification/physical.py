@@ -306,11 +306,13 @@ def physical_modes(
     persistence = _Persistence.of(settings, state, n_block, block_seconds)
     swept, always = _rotor_swept(candidates, bands)
     found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
+    lines: list[_Cluster] = []
     for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)),
                           key=lambda x: x.ln_frequency):
-        if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
-            notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is not a "
-                         "mode: left out")
+        if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in (*found, *lines)):
+            lines.append(cluster)
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz moves with the rotor's speed and is not a mode: left out"
+              for one in lines]
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies where multiples of the rotor's speed pass in nearly every "
               "block: it may be its line" for one in sorted(found, key=lambda x: x.ln_frequency)
               if swept[one.rows].mean() > FOLLOWS]

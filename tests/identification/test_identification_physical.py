@@ -203,6 +203,15 @@ def test_a_line_that_moves_with_the_rotor_is_left_out_and_said():
     assert all("moves with the rotor's speed" in t for t in found.notes)
 
 
+def test_one_line_that_comes_back_with_two_shapes_is_said_once():
+    speeds, rng = np.tile([8.0, 10.0, 12.0], N_BLOCK // 3), np.random.default_rng(1)
+    twice = [plain(rng, [(share * 3 * rpm / 60, 0.01, np.eye(12)[k], ORDERS) for share, k in ((1.0, 7), (1.002, 9))])
+             for rpm in speeds]
+    found = found_in(twice, bands=swept(speeds))
+    assert found.modes.frequency_hz == pytest.approx(MODES_HZ, rel=3e-3)
+    assert len(found.notes) == 3 and all("moves with the rotor's speed" in t for t in found.notes)
+
+
 def test_a_mode_that_the_rotor_crosses_now_and_then_stays():
     # 3P passes 0.33 Hz at 6.6 rpm in a third of the blocks
     speeds = np.where(np.arange(N_BLOCK) % 3 == 0, 6.6, 12.0)
