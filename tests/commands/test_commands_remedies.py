@@ -216,10 +216,10 @@ def key(old: str, new: str) -> Callable[[Path], None]:
     return spoil
 
 
-def meant(file: str) -> Callable:
-    """Follow 'unknown key ...; did you mean ...?'."""
+def meant(file: str, wrongly: str = r"key '([^']*)'") -> Callable:
+    """Follow 'unknown key ...; did you mean ...?', or of what else the error quotes `wrongly`."""
     def change(folder: Path, text: str) -> None:
-        wrong, near = re.search(r"key '([^']*)'", text)[1], re.search(r"did you mean '([^']*)'", text)[1]
+        wrong, near = re.search(wrongly, text)[1], re.search(r"did you mean '([^']*)'", text)[1]
         path = folder / file
         path.write_text(path.read_text().replace(wrong, near))
     return by(change)
@@ -392,15 +392,6 @@ RECORDS |= {
     "line of the units": (record(table(with_units), UTC), "is a unit", into("convert.toml")),
 }
 MODELS |= {"groups that are not there": (without_groups, "no such file", without("--parameters"))}
-def corrected(file: str) -> Callable:
-    """Follow 'did you mean ...?' of a name that the error quotes."""
-    def change(folder: Path, text: str) -> None:
-        wrong, near = re.search(r"'([^']*)' is not a channel", text)[1], re.search(r"did you mean '([^']*)'", text)[1]
-        path = folder / file
-        path.write_text(path.read_text().replace(wrong, near))
-    return by(change)
-
-
 def described_anew(folder: Path) -> list[str]:
     words = record(table(csv), UTC)(folder)
     assert main(words) == 0
@@ -455,7 +446,7 @@ RECORDS |= {
         "iso", "s") + 'start = "2026-06-01T00:00:00Z"\n'), "rows come every 100 s", into("convert.toml")),
     "a channel's name": (record(table(csv), UTC + "[columns]\n" + "".join(
         f'"{c.replace("T90-", "T90")}" = "{c}"\n' for c in PLACES)), "is not a channel of campaign.toml",
-        corrected("camp/convert.toml")),
+        meant("camp/convert.toml", r"'([^']*)' is not a channel")),
     "a description that changed": (described_anew, "description changed after it was converted", by(forgotten)),
     "poles in per cent": (poles('damping_unit = "ratio"\n', 1.0), "median damping ratio", into("poles.toml")),
     "poles as shares": (poles('damping_unit = "%"\n', 0.01), "median damping ratio", into("poles.toml")),
