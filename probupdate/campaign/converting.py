@@ -303,7 +303,7 @@ def _read_source(paths: Sequence[Path], name: str, described: Description, head:
         raise InputError(str(path), "holds no sample", "leave it out of `files`")
     notes = [f"{name}: {text}" for text in (*own.notes, *words, *clock.notes())]
     if lost:
-        notes.append(f"{name}: {lost} values are lost (NaN)")
+        notes.append(f"{name}: {plural(lost, 'value')} lost (NaN)")
     return outputs, count, notes, spans, own.unused
 
 

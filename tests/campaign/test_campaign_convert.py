@@ -222,7 +222,7 @@ def test_values_beyond_single_precision_are_lost_and_told(job):
     data = noise(300)
     data[7, 0], data[9, 1] = 1e300, np.inf
     job(write_npy(raw, data))
-    assert "2 values are lost" in convert(raw, campaign).summary
+    assert "2 values lost" in convert(raw, campaign).summary
     ((_, found),) = records(campaign)
     assert np.isnan(found[7, 0]) and np.isnan(found[9, 1]) and np.isnan(found).sum() == 2
 
@@ -341,7 +341,7 @@ def test_lost_markers_factors_and_text_cells(job):
     data = noise()
     data[5, 0] = data[7, 1] = -999.0
     table(data, [t.isoformat() for t in stamps()]).to_csv(raw / "r.csv", index=False)
-    assert "2 values are lost" in convert(raw, campaign).summary
+    assert "2 values lost" in convert(raw, campaign).summary
     ((_, found),) = records(campaign)
     assert np.isnan(found[5, 0]) and np.isnan(found[7, 1]) and found[8, 1] == np.float32(-2 * data[8, 1])
 

@@ -294,7 +294,7 @@ def test_a_campbell_table_is_read_with_its_units_and_lost_words(job, head, colum
     raw, campaign = job(f'files = "*.dat"\ntime = 1\nzone = "UTC"\n{head}[columns]\na = {column}\nb = 4\n')
     toa5(raw / "r.dat", unit="g")
     done = convert(raw, campaign)
-    assert "a: g was turned" in done.summary and "1 values are lost" in done.summary
+    assert "a: g was turned" in done.summary and "1 value lost" in done.summary
     found = written(campaign)
     assert np.isnan(found[70, 0]) and np.isfinite(np.delete(found[:, 0], 70)).all()
     np.testing.assert_allclose(found[71:, 0], 9.80665 * samples()[71:, 0], rtol=1e-4)
@@ -307,7 +307,7 @@ def test_a_word_for_lost_is_declared_as_the_error_says(job):
     with pytest.raises(InputError, match=r'column 3, row 71: \'OVER RANGE\' is not a number.*lost = \["OVER RANGE"\]'):
         convert(raw, campaign)
     job(text.format('lost = ["OVER RANGE", -999]\n'))
-    assert "1 values are lost" in convert(raw, campaign).summary
+    assert "1 value lost" in convert(raw, campaign).summary
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8"])
