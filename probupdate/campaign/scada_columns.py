@@ -93,7 +93,7 @@ def _without_fillers(table: pd.DataFrame, name: str, low: float, high: float) ->
         return []
     shown = ", ".join(f"{v:g}" for v in np.unique(values[gone])[:3])
     table[name] = np.where(gone, np.nan, values)
-    return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA ({shown}) stand for none: taken as missing"]
+    return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA ({shown}), a filler: taken as missing"]
 
 
 def _is_filler(value: float, column: np.ndarray) -> bool:
