@@ -697,4 +697,4 @@ def test_files_and_notes_are_in_order_of_time(job):
         table(data, [t.isoformat() for t in stamps(600, pd.Timestamp(start))]).to_csv(raw / f"{name}.csv", index=False)
     found = convert(raw, campaign)
     assert [p.name[:8] for p in found.files] == ["20190603", "20190701"]
-    assert [note[:10] for note in found.notes if "are lost" in note] == ["03.06.2019", "01.07.2019"]
+    assert [note[:10] for note in found.notes if "lost (NaN)" in note] == ["03.06.2019", "01.07.2019"]
