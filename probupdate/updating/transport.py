@@ -146,18 +146,21 @@ def fit_transport(theta: np.ndarray, weight: np.ndarray, like: GaussianApproxima
     for k in range(x.shape[1]):
         columns.append(_columns(x[:, :k], weight, counts))
         straight, bent = columns[k](x[:, :k])
-        own_weight, ln, left = weight, np.zeros(straight.shape[1]), 1.0
+        own_weight, ln, left, of_scatter = weight, np.zeros(straight.shape[1]), 1.0, None
         for _ in range(ROUNDS if k else 1):
-            coefficient = _regression(bent, x[:, k], own_weight, counts / left)
+            normal = _normal(bent, own_weight, counts / left)
+            # of the first round, whose weights are the draws' own, the scatter's are a part in every round
+            of_scatter = normal[: len(ln), : len(ln)] if of_scatter is None else of_scatter
+            coefficient = np.linalg.solve(normal, (own_weight * x[:, k]) @ bent)
             off = x[:, k] - bent @ coefficient
             along = np.clip(straight @ ln, *_limits(ln)) if k else np.full(len(x), ln[0])
             # one step of scoring for a scatter that is log-linear
             excess = off**2 * np.exp(-2 * along)
             mean_excess = weight @ excess
             left = min(float(own_weight @ off**2), 1.0)
-            ln = ln + np.concatenate([[0.5 * np.log(max(mean_excess, 1e-24))],
-                                      _regression(straight, 0.5 * (np.minimum(excess / mean_excess, 9.0) - 1), weight,
-                                                  counts)[1:]])
+            step = np.linalg.solve(of_scatter, (weight * 0.5 * (np.minimum(excess / mean_excess, 9.0) - 1)) @ straight)
+            step[0] = 0.5 * np.log(max(mean_excess, 1e-24))
+            ln = ln + step
             own_weight = weight * np.exp(-2 * (np.clip(straight @ ln, *_limits(ln)) - ln[0]))
             own_weight = own_weight / own_weight.sum()
         # what the coefficients took from the draws, and their own error at others
@@ -169,10 +172,10 @@ def fit_transport(theta: np.ndarray, weight: np.ndarray, like: GaussianApproxima
                      middle=tuple(middle), ln_scale=tuple(ln_scale), like=like)
 
 
-def _regression(columns: np.ndarray, value: np.ndarray, weight: np.ndarray, counts: float) -> np.ndarray:
-    """Weighted least squares with a ridge on all but the constant."""
-    weighted = columns * weight[:, None]
-    normal = weighted.T @ columns
+def _normal(columns: np.ndarray, weight: np.ndarray, counts: float) -> np.ndarray:
+    """Normal equations' matrix with a ridge on all but the constant: a product with itself costs half of one."""
+    own = columns * np.sqrt(weight)[:, None]
+    normal = own.T @ own
     ridge = RIDGE / counts * np.diag(normal)
     ridge[0] = 0.0
-    return np.linalg.solve(normal + np.diag(ridge + 1e-12), weighted.T @ value)
+    return normal + np.diag(ridge + 1e-12)
