@@ -2,8 +2,9 @@
 
 ln f of a mode over the sets is a normal about their mean, with what each set states of itself and a scatter that the
 others show; each set is judged by the others alone, so that it does not widen what it is held against. An outlier has
-one mode drawn from a normal WIDE as wide, or its shape (`outlier_shapes`), whichever: a mixture with a stated share of
-outliers (Box & Tiao 1968).
+one mode drawn from a Cauchy distribution of scale WIDE, whose tail is wider than any Student t of the others' so that
+what is farther off is never less an outlier, or its shape (`outlier_shapes`), whichever: a mixture with a stated share
+of outliers (Box & Tiao 1968).
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ FEWEST, PASSES = 4, 4
 LEAST = 1e-6
 # so many sets that are off alike are said one by one
 MOST_SINGLE = 2
-# the reason of an outlier that is no frequency above or below the others'
-SHAPE = "shape"
+# positive evidence of an outlier by its Bayes factor (Kass & Raftery 1995, table 1), where the set is not left out
+POSITIVE = 3.0
 # sets on each side of a step; its size over the scatter within both: of a straight drift cut in halves that is
 # 2 sqrt(3) = 3.5, of a sine cut where it crosses its mean 4.1
 FEWEST_SIDE, STEP = 3, 6.0
@@ -54,28 +55,41 @@ class OutlierSets:
 
     @property
     def sentences(self) -> list[str]:
-        alike: dict[tuple[int, str], list[int]] = {}
+        alike: dict[tuple[int, float], list[int]] = {}
         for k in self.numbers:
-            how = "above" if self.off[k] > 0 else "below"
-            alike.setdefault((int(self.mode[k]), how if np.isnan(self.mac[k]) else SHAPE), []).append(k)
-        return [sentence for (mode, how), own in alike.items() for sentence in self._sentences(own, mode, how)]
+            direction = float(np.sign(self.off[k])) if np.isnan(self.mac[k]) else 0.0
+            alike.setdefault((int(self.mode[k]), direction), []).append(k)
+        named = [sentence for own in alike.values() for sentence in self._sentences(own)]
+        return named + [self._suspicion(int(k)) for k in self._suspects]
 
-    def _sentences(self, own: Sequence[int], mode: int, how: str) -> list[str]:
+    @property
+    def _suspects(self) -> np.ndarray:
+        """Sets that stay in the population with positive evidence against them."""
+        odds = POSITIVE * SHARE / (1 - SHARE)
+        return np.flatnonzero((self.probability >= odds / (1 + odds)) & (self.probability < SURE))
+
+    def _difference(self, own: Sequence[int]) -> str:
+        """In what sets that are off in one mode and one direction are unlike the others."""
+        label, some = self.labels[self.mode[own[0]]], list(own)
+        if np.isfinite(self.mac[own[0]]):
+            return f"shape of {label} is unlike the other sets' (MAC {self.mac[some].min():.3f})"
+        size, how = 100 * np.mean(np.abs(np.expm1(self.off[some]))), "above" if self.off[own[0]] > 0 else "below"
+        return f"frequency of {label} is {size:.2g} % {how} the other sets'"
+
+    def _suspicion(self, k: int) -> str:
+        return (f"set {self.ids[k]} may be an outlier, with probability {self.probability[k]:.2f}: its "
+                f"{self._difference([k])}; {len(self.ids)} sets do not decide, so it is used: inspect it, and leave it "
+                "out of the modes if it is wrong")
+
+    def _sentences(self, own: Sequence[int]) -> list[str]:
         """Of sets that are off in one mode and one direction: each by itself, or of many what is common to them."""
-        label, rest = self.labels[mode], "the population is estimated from the others"
-
-        def off(some: Sequence[int]) -> str:
-            if how == SHAPE:
-                return f"shape of {label} is unlike the other sets' (MAC {self.mac[list(some)].min():.3f}); {rest}"
-            size = 100 * np.mean(np.abs(np.expm1(self.off[list(some)])))
-            return f"frequency of {label} is {size:.2g} % {how} the other sets'; {rest}"
-
+        rest = "the population is estimated from the others"
         if len(own) <= MOST_SINGLE:
-            return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its {off([k])}"
-                    for k in own]
+            return [f"set {self.ids[k]} is an outlier with probability {self.probability[k]:.3f}: its "
+                    f"{self._difference([k])}; {rest}" for k in own]
         return [f"{len(own)} of {len(self.ids)} sets, {self.ids[own[0]]} to {self.ids[own[-1]]}, are outliers with "
-                f"probability {self.probability[own].min():.3f} and more: their {off(own)}. So many that differ alike "
-                "indicate a change: `diagnose` identifies what changed, and when"]
+                f"probability {self.probability[own].min():.3f} and more: their {self._difference(own)}; {rest}. So "
+                "many that differ alike indicate a change: `diagnose` identifies what changed, and when"]
 
 
 def outlier_sets(data: ModalData) -> OutlierSets:
@@ -135,15 +149,15 @@ def _log_ratio(value: float, own: float, others: np.ndarray, stated: np.ndarray)
     mean = float(weight @ others / weight.sum())
     scale = np.sqrt(own**2 + excess + 1 / weight.sum())
     regular = stats.t.logpdf((value - mean) / scale, df=n - 1) - np.log(scale)
-    wide = stats.norm.logpdf(value - mean, scale=np.hypot(scale, WIDE))
+    wide = stats.cauchy.logpdf(value - mean, scale=np.hypot(scale, WIDE))
     return float(wide - regular), float(value - mean)
 
 
 def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
-    """The sets that are of one population, and a sentence for each that is not."""
+    """The sets that are of one population, and a sentence for each that is not or may not be."""
     found = outlier_sets(data)
     if not found.numbers:
-        return data, []
+        return data, found.sentences
     kept = tuple(s for k, s in enumerate(data.sets) if k not in found.numbers)
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference), found.sentences

@@ -84,7 +84,7 @@ class UpdatingConstants:
     lkj_eta: float = setting(2.0, "-", "exponent of the LKJ prior of the correlation between sets")
     population_r_hat_limit: float = setting(1.02, "-", "R-hat of the population below which it has converged")
     outlier_share: float = setting(0.05, "-", "share of sets that are outliers a priori")
-    outlier_wide: float = setting(0.05, "ln f", "standard deviation of the frequency of an outlier's mode")
+    outlier_wide: float = setting(0.05, "ln f", "scale of the Cauchy distribution of an outlier's frequency")
     outlier_shape_wide: float = setting(
         0.3, "-", "length of what an outlier's shape, of unit length, has beside the other sets'")
     outlier_sure: float = setting(0.95, "-", "probability from which a set is left out of the population as an outlier")
