@@ -110,6 +110,27 @@ def test_two_steps_are_two():
         assert abs(value - true) < 4 * std
 
 
+def slack(width):
+    """What rests within a gap of `width` that moves with the air's temperature, in steps of three minutes."""
+    def effect(time, air, _):
+        fine = np.arange(0, time[-1] + 1e-9, 0.05)
+        x, z = np.interp(fine, time, air), np.full(len(fine), air[0])
+        for k in range(1, len(x)):
+            z[k] = np.clip(z[k - 1], x[k] - width / 2, x[k] + width / 2)
+        return -1e-3 * np.interp(time, fine, z)
+    return effect
+
+
+@pytest.mark.parametrize(("width", "seed"), [(4.0, 2), (8.0, 1), (8.0, 3)])
+def test_hysteresis_is_found_with_its_width_and_slope(width, seed):
+    fit = drawn(slack(width), seed)
+    (shape,) = fit.shapes
+    assert (shape.kind, shape.covariate) == ("hysteresis", "air")
+    assert abs(shape.constant - width) < 4 * shape.constant_std
+    value, std = slope(fit, "air")
+    assert abs(value + 1e-3) < 4 * std
+
+
 def test_a_saturation_and_a_daily_period_are_found():
     fit = drawn(lambda t, air, _: -1e-3 * np.minimum(air, 4), 1)
     assert [s.kind for s in fit.shapes] == ["saturation"] and abs(fit.shapes[0].constant - 4) < 1

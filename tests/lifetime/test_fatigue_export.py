@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import linalg, stats
 
 from probupdate.cli import main
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
 from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table
-from probupdate.lifetime.factors import gains, tolerance_draws
+from probupdate.lifetime.factors import gains, tolerance_draws, variance_shares
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput
 from probupdate.modal.labels import mode_character
@@ -22,7 +23,7 @@ from probupdate.model.parameters import Parameters
 from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_description
 from probupdate.structure.load import load_model, model_sensors
-from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.laplace import maximum_a_posteriori, prior_residual
 from probupdate.updating.posterior_file import Posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
 from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
@@ -182,6 +183,65 @@ def test_one_more_measurement_leaves_what_varies_from_set_to_set(done):
     for spot, now, then in zip(after["hot_spot"], after["cov_now"], after["cov_then"], strict=True):
         assert between[spot] * (1 - 1e-9) <= then <= now * (1 + 1e-9)
     assert max(between.values()) > 0
+
+
+def test_a_tolerance_that_is_known_leaves_what_conditioning_on_it_leaves(run, validation):
+    """By draws of parameters and tolerances together, regressed on the ones that become known."""
+    row = validation(what="share of a stress' variance that a known tolerance takes off", reference="regression of draws",
+                     why="20 000 draws")
+    *_, problem, laplace = run
+    rng, std = np.random.default_rng(5), np.array([s.std for s in problem.error_sources])
+    n, m = len(laplace.theta), len(std)
+    A = problem.noise_root @ np.column_stack([problem.sensitivity(laplace.theta)[1], problem.factor])
+    prior = prior_residual(problem.parameters, laplace.theta)[1]
+    precision = A.T @ A + linalg.block_diag(prior.T @ prior, np.eye(m))
+    drawn = rng.standard_normal((20_000, n + m)) @ np.linalg.inv(np.linalg.cholesky(precision))
+    slope, direct = rng.standard_normal((4, n)) / laplace.theta, 0.1 * rng.standard_normal((4, m)) / std
+    y = drawn[:, :n] @ slope.T + drawn[:, n:] @ (direct * std).T
+    found = dict(variance_shares(problem, laplace, slope, direct))
+    assert all(np.all((0 <= share) & (share < 1)) for share in found.values())
+    checked = 0
+    for (group, check), own in _sources_by_check(problem).items():
+        first = problem.error_sources[own[0]].description
+        name = first if len(own) == 1 else f"{len(own)} tolerances of {group}, such as {first}"
+        (what,) = [w for w in found if w.startswith(f"determine {name}") and check in w]
+        known = drawn[:, [n + k for k in own]]
+        left = y - known @ np.linalg.lstsq(known, y, rcond=None)[0]
+        row.error(found[what] - (1 - left.var(axis=0) / y.var(axis=0)), below=0.03)
+        checked += 1
+    assert checked >= 3
+
+
+def _sources_by_check(problem):
+    found = {}
+    for k, source in enumerate(problem.error_sources):
+        found.setdefault((source.group, source.check), []).append(k)
+    return found
+
+
+def test_years_of_life_are_those_of_the_indices(done):
+    """From reliability.csv, which FORM wrote, for what quadrature wrote; failure before the eight years that the
+    inspection proved is ruled out."""
+    age, proven = 5.0, 8.0
+    table, life = (read_table(done.folder / f"{name}.csv") for name in ("reliability", "remaining_life"))
+    compared = 0
+    for row in range(len(life["case"])):
+        own = [k for k in range(len(table["case"])) if (table["case"][k], table["hot_spot"][k]) == (
+            life["case"][row], life["hot_spot"][row])]
+        year, index, annual = (np.array([table[name][k] for k in own], float) for name in (
+            "year", "cumulative_index", "annual_index"))
+        survival = np.log(stats.norm.cdf(index))
+        assert stats.norm.ppf(life["survival_to_age"][row]) == pytest.approx(index[year == age][0], abs=0.02)
+        left = survival - survival[year == proven]
+        for name, q in (("q05", 0.05), ("q50", 0.5)):
+            # of what is left at the last year there may be more than that
+            if left[-1] < np.log1p(-q):
+                expected = np.interp(-np.log1p(-q), -left, year) - age
+                assert life[name][row] == pytest.approx(expected, abs=0.3)
+                compared += 1
+        below = year[(annual < 3.3) & (year > proven)]
+        assert life["years_to_target"][row] == (max(below[0] - 1, proven) - age if len(below) else None)
+    assert compared >= 2
 
 
 def test_cycles_that_are_not_counted_are_named(done):
