@@ -20,7 +20,7 @@ from probupdate.campaign.scada import COLUMNS
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
 from probupdate.diagnosis.results import DetectableSizeTable, DiagnosisTable, FindingTable
-from probupdate.lifetime.conditions import Conditions, condition_keys
+from probupdate.lifetime.conditions import Conditions
 from probupdate.modal.modes import read_modes
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
 from probupdate.structure.description import Description as TurbineDescription
@@ -390,7 +390,8 @@ def test_the_format_of_a_turbine_names_every_key():
 
 def test_the_format_of_loads_names_every_key():
     page = text("docs/formats/fatigue.md")
-    for key in condition_keys(Conditions):
+    schema = Conditions.model_json_schema()
+    for key in {name for table in (schema, *schema["$defs"].values()) for name in table["properties"]}:
         assert f"`{key}`" in page or f"`{key}.<name>`" in page, key
 
 

@@ -57,10 +57,10 @@ class Water(Table):
 
 
 class Wind(Table):
-    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "a density in kg/m3, of air about 1.2", above=0)]
-    rotor_diameter_m: Annotated[Real, bounded_number(400.0, METRES, above=0)]
+    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "a density in kg/m3, of air about 1.2", least=0.5)]
+    rotor_diameter_m: Annotated[Real, bounded_number(400.0, METRES, least=1)]
     # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
-    integral_length_m: Annotated[Real, bounded_number(3000.0, METRES, above=0)]
+    integral_length_m: Annotated[Real, bounded_number(3000.0, METRES, least=1)]
 
 
 class Damping(Table):
@@ -72,7 +72,7 @@ class Damping(Table):
 class Life(Table):
     age_years: Annotated[Real, bounded_number(200.0, "an age in years", least=0)]
     years: Annotated[int, Strict(), Field(ge=1, le=200)]
-    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1)]
+    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1e3)]
 
 
 class Direction(Table):
@@ -238,7 +238,7 @@ def read_conditions(path: str | Path) -> Conditions:
         problem, remedy = {
             "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
-                                suggest(str(first["loc"][-1]), condition_keys(Conditions))),
+                                suggest(str(first["loc"][-1]), _table_of(first["loc"]).model_fields)),
         }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))
         raise InputError(f"{path}: {key}", problem, remedy) from None
     for key, problem, remedy in _mistakes(conditions, path):
@@ -248,27 +248,21 @@ def read_conditions(path: str | Path) -> Conditions:
 
 def _key_meaning(place: tuple) -> str:
     """What a key of the file is, where its table says so."""
-    table = Conditions
-    for part in place:
-        if isinstance(part, int) or (isinstance(table, type) and part not in table.model_fields):
+    field = _table_of(place).model_fields.get(next((p for p in reversed(place) if isinstance(p, str)), ""))
+    return f"give {field.description}" if field is not None and field.description else ""
+
+
+def _table_of(place: tuple) -> type[Table]:
+    """The table that a key lies in."""
+    table: type[Table] = Conditions
+    for part in place[:-1]:
+        if isinstance(part, int) or part not in table.model_fields:
             continue
-        field = table.model_fields[part]
-        if field.description:
-            return f"give {field.description}"
-        inner = [t for t in (field.annotation, *get_args(field.annotation),
-                             *(a for t in get_args(field.annotation) for a in get_args(t)))
+        outer = table.model_fields[part].annotation
+        inner = [t for t in (outer, *get_args(outer), *(a for t in get_args(outer) for a in get_args(t)))
                  if isinstance(t, type) and issubclass(t, Table)]
-        if not inner:
-            return ""
-        table = inner[0]
-    return ""
-
-
-def condition_keys(table) -> set[str]:
-    """Every key that a fatigue.toml may have, with those of this table."""
-    kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Efthymiou, Joint, MemberEnd, Site, Girth,
-             Lognormal, Uncertainty, Target, Inspection)
-    return {name for kind in (table, *kinds) for name in kind.model_fields}
+        table = inner[0] if inner else table
+    return table
 
 
 def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:

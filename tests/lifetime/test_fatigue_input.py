@@ -49,6 +49,11 @@ SITE = {"water_density_kgpm3": 1025.0, "gravity_mps2": 9.81, "mudline_m": -50.0,
     ({"site": {**SITE, "growth_m": 100.0}}, "thickness in metres"),
     ({"site": {**SITE, "hub_offset_m": [-5000.0, 0.0, 2400.0]}}, "hub_offset_m"),
     ({"life": {"age": 5.0, "years": 30, "reference_cycles": 1e7}}, "life.age: is not a key of this file; did you mean"),
+    ({"inspection": {"age": 4.0, "detectable_share": 0.5}}, "did you mean 'age_years'"),
+    ({"target": {"index": 3.3}}, "did you mean 'annual_index'"),
+    ({"wind": {**CONDITIONS["wind"], "air_density_kgpm3": 1.225e-3}}, "of air about 1.2"),
+    ({"wind": {**CONDITIONS["wind"], "rotor_diameter_m": 0.09}}, "length in metres"),
+    ({"life": {**CONDITIONS["life"], "reference_cycles": 7.0}}, "such as 1e7"),
 ])
 def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, words):
     (tmp_path / "fatigue.toml").write_text(_toml(changed(**tables)))
