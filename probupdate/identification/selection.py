@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -153,12 +154,15 @@ def select(
     kept = passed & ~odd
     order = np.argsort(np.where(kept, score, np.inf), kind="stable")[: min(count, int(kept.sum()))]
     notes += _odd_notes(sets, odd, kept, required, labels)
-    scatter = _scatter(labels, sets, passed, odd)
+    wrong = wrong_values(sets)
+    notes += _wrong_notes(sets, wrong, labels)
+    scatter = _scatter(labels, sets, passed, odd, wrong)
     chosen = [_with_own(sets[k], labels) for k in sorted(order)]
     if std_from == CAMPAIGN:
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
         good = [s for s, k in zip(sets, kept, strict=True) if k]
-        chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
+        damping = np.where(wrong | odd[:, None], np.nan, [s.damping_ratio for s in sets])
+        chosen = _with_campaign_scatter(chosen, damping, good, overall, pairs)
     else:
         chosen = _with_rounding(chosen, sets)
     result = replace(data, sets=tuple(chosen), reference_set=sets[order[0]].id)
@@ -229,10 +233,10 @@ def _with_rounding(chosen: Sequence[ModalSet], sets: Sequence[ModalSet]) -> list
     return [replace(s, frequency_std_hz=np.hypot(s.frequency_std_hz, rounding)) for s in chosen]
 
 
-def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
+def _with_campaign_scatter(chosen, damping: np.ndarray, good, cov: np.ndarray, pairs) -> list[ModalSet]:
     """Frequency, damping and shapes with the scatter over the campaign; where it cannot be estimated (one block alone),
-    what a set came with stays."""
-    spread = column_scatter(np.array([s.damping_ratio for s in sets]))
+    what a set came with stays. damping (n_set, n_mode): of the campaign."""
+    spread = column_scatter(damping)
     shape = shape_scatter(good, pairs)
     return [replace(
         s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
@@ -332,16 +336,38 @@ def outlying(values: np.ndarray, false_alarm: float, rounding: float) -> np.ndar
     from scipy import stats
 
     left, order, found = np.arange(len(values)), [], 0
-    for _ in range(len(values) // 3):
+    n = len(values) - np.arange(len(values) // 3)
+    limits = stats.t.isf(false_alarm / (2 * n), np.maximum(n - 2, 1))
+    for limit in limits:
         far = int(np.argmax(np.abs(values[left] - values[left].mean())))
         n, order = len(left), [*order, left[far]]
         left = np.delete(left, far)
         others = values[left]
         # of rounded values the scatter is that of rounding at least
         error = max(float(np.std(others, ddof=1)), rounding) * np.sqrt(n / (n - 1))
-        if abs(values[order[-1]] - others.mean()) > error * stats.t.isf(false_alarm / (2 * n), n - 2):
+        if abs(values[order[-1]] - others.mean()) > error * limit:
             found = len(order)
     return np.isin(np.arange(len(values)), order[:found])
+
+
+def wrong_values(sets: Sequence[ModalSet]) -> np.ndarray:
+    """(n_set, n_mode) bool: frequencies that are outliers (`outlying`) among those of the same state, whether or not
+    their block passes: one of them would be most of a CoV."""
+    frequency = np.array([s.frequency_hz for s in sets])
+    states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
+    wrong, rounding = np.zeros(frequency.shape, bool), rounding_std(frequency)
+    for name, j in product(dict.fromkeys(states), range(frequency.shape[1])):
+        own = np.flatnonzero((states == name) & np.isfinite(frequency[:, j]))
+        wrong[own, j] = outlying(frequency[own, j], FALSE_ODD / frequency.shape[1], rounding[j])
+    return wrong
+
+
+def _wrong_notes(sets: Sequence[ModalSet], wrong: np.ndarray, labels: Sequence[str]) -> list[str]:
+    found = []
+    for j in np.flatnonzero(wrong.any(axis=0)):
+        own = [sets[k] for k in np.flatnonzero(wrong[:, j])]
+        found.append(f"{len(own)} of {labels[j]} ({own[0].frequency_hz[j]:.4g} Hz in {own[0].id})")
+    return [f"not in the CoV, as unlike the others of their state: {', '.join(found)}"] * bool(found)
 
 
 def _angle_of_rounding(shapes: np.ndarray) -> float:
@@ -367,15 +393,15 @@ def column_scatter(columns: np.ndarray) -> np.ndarray:
     return np.array([scatter_of(*both) for both in zip(columns.T, rounding_steps(columns), strict=True)])
 
 
-def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray) -> pd.DataFrame:
+def _scatter(labels, sets, passed: np.ndarray, odd: np.ndarray, wrong: np.ndarray) -> pd.DataFrame:
     states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
-    # one wrong frequency would be most of a CoV
     usable = np.array([not s.environment.get("excluded") for s in sets]) & ~odd
     subsets = {"all": usable, **{name: usable & (states == name) for name in dict.fromkeys(states[usable])},
                "passed": passed & ~odd}
     rows = []
     frequency = np.array([s.frequency_hz for s in sets])
-    for j, (label, f, step) in enumerate(zip(labels, frequency.T, rounding_steps(frequency), strict=True)):
+    steps, right = rounding_steps(frequency), np.where(wrong, np.nan, frequency)
+    for j, (label, f, step) in enumerate(zip(labels, right.T, steps, strict=True)):
         own = np.array([s.frequency_std_hz[j] for s in sets]) / f
         for state, chosen in subsets.items():
             some, stated = f[chosen & np.isfinite(f)], own[chosen & np.isfinite(own)]

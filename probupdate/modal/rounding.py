@@ -49,6 +49,9 @@ def rounding_steps(columns: np.ndarray) -> np.ndarray:
     if period_step > 0 and whole == 0:
         there = np.isfinite(columns)
         return period_step * np.sum(np.where(there, columns, 0.0) ** 2, axis=0) / np.maximum(there.sum(axis=0), 1)
+    digits = _significant_steps(columns, whole)
+    if digits is not None:
+        return digits
     different = np.array([len(np.unique(column[np.isfinite(column)])) for column in columns.T])
     with np.errstate(invalid="ignore", divide="ignore"):
         by_chance = (different < 2) | (len(found) * (whole / found) ** different >= CHANCE)
@@ -80,6 +83,20 @@ def _printed_step(values: np.ndarray) -> float:
         if np.all(np.abs(values / step - np.round(values / step)) < 1e-9 * values / step + 1e-12):
             return step
     return 0.0
+
+
+def _significant_steps(columns: np.ndarray, whole: float) -> np.ndarray | None:
+    """Steps (n_column,) of columns that are written with so many significant digits, None where all of them lie on
+    grids so much coarser than `whole` by chance."""
+    each = [np.unique(np.abs(column[np.isfinite(column)])) for column in columns.T]
+    top = np.array([values.max(initial=0.0) for values in each])
+    for n in range(1, MOST_DIGITS if whole > 0 else 1):
+        with np.errstate(divide="ignore"):
+            steps = np.maximum(10.0 ** (np.floor(np.log10(top)) + 1 - n), whole)
+        if all(_are_all_on_grid(values, step) for values, step in zip(each, steps, strict=True)):
+            chance = sum(len(values) * np.log(whole / step) for values, step in zip(each, steps, strict=True))
+            return steps if chance < np.log(CHANCE) else None
+    return None
 
 
 def _are_all_on_grid(values: np.ndarray, step: float) -> bool:

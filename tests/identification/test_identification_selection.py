@@ -81,6 +81,25 @@ def test_thresholds_are_the_user_s(jacket):
         select(data(sets), count=0)
 
 
+def test_a_wrong_frequency_of_a_block_that_fails_is_no_part_of_the_cov(jacket):
+    """FA1 40 % off where SS1 was not identified: every kept set had thirty times its standard deviation."""
+    wrong = [1.4 * 0.316, np.nan, 1.29, 1.93, 2.02]
+    sets = [one_set(k, jacket.shape) for k in range(12)]
+    result = select(data([*sets, one_set(12, jacket.shape, frequency=wrong)]))
+    clean = select(data(sets))
+    assert result.cov["FA1"]["all"] == pytest.approx(clean.cov["FA1"]["all"], rel=1e-9)
+    for kept, alone in zip(result.data.sets, clean.data.sets, strict=True):
+        np.testing.assert_allclose(kept.frequency_std_hz[:2], alone.frequency_std_hz[:2])
+    assert "1 of FA1 (0.4424 Hz in" in result.summary
+
+
+def test_frequencies_of_two_digits_are_no_outliers(jacket):
+    sets = [one_set(k, jacket.shape) for k in range(10)]
+    rounded = [replace(s, frequency_hz=np.array([float(f"{f:.2g}") for f in s.frequency_hz])) for s in sets]
+    rounded[1] = replace(rounded[1], frequency_hz=np.array([0.32, 0.32, 1.3, 1.9, 2.1]))
+    assert len(select(data(rounded), count=10).data.sets) == 10
+
+
 def test_the_most_consistent_are_kept_and_the_oddest_left(jacket):
     odd = TRUE_HZ * 1.03
     sets = [one_set(k, jacket.shape) for k in range(12)] + [one_set(12, jacket.shape, frequency=odd)]

@@ -54,5 +54,8 @@ def test_columns_share_a_step_but_for_significant_digits():
     assert rounding_steps(plain) == pytest.approx(np.full(5, 0.005))
     three = np.array([[float(f"{x:.3g}") for x in row] for row in 10.0 ** np.arange(3) * free])
     assert rounding_steps(three) == pytest.approx([0.01, 0.1, 1.0])
+    # of two digits the higher modes have two or three values each
+    two = np.array([[0.32, 1.3, 2.1], [0.33, 1.3, 2.0], [0.32, 1.2, 2.1], [0.33, 1.3, np.nan]])
+    assert rounding_steps(two) == pytest.approx([0.01, 0.1, 0.1])
     # what a computer wrote beside a column that is printed
     assert rounding_steps(np.column_stack([free, np.round(free[:, 0], 2)])) == pytest.approx([0, 0, 0, 0.01])
