@@ -72,7 +72,7 @@ class Damping(Table):
 class Life(Table):
     age_years: Annotated[Real, bounded_number(200.0, "an age in years", least=0)]
     years: Annotated[int, Strict(), Field(ge=1, le=200)]
-    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of damage-equivalent ranges, such as 1e7", least=1e3)]
+    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of equivalent ranges, such as 1e7", least=1e3)]
 
 
 class Direction(Table):

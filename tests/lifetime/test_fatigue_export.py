@@ -187,8 +187,8 @@ def test_one_more_measurement_leaves_what_varies_from_set_to_set(done):
 
 def test_a_tolerance_that_is_known_leaves_what_conditioning_on_it_leaves(run, validation):
     """By draws of parameters and tolerances together, regressed on the ones that become known."""
-    row = validation(what="share of a stress' variance that a known tolerance takes off", reference="regression of draws",
-                     why="20 000 draws")
+    row = validation(what="share of a stress' variance that a known tolerance takes off",
+                     reference="regression of draws", why="20 000 draws")
     *_, problem, laplace = run
     rng, std = np.random.default_rng(5), np.array([s.std for s in problem.error_sources])
     n, m = len(laplace.theta), len(std)
