@@ -298,6 +298,8 @@ def _read_source(paths: Sequence[Path], name: str, described: Description, head:
         lost += int(np.sum(gone))
         for start, rows in clock.place(time, data):
             writer.add(start, rows)
+    for start, rows in clock.finish():
+        writer.add(start, rows)
     outputs, spans, count = writer.close()
     if not count:
         raise InputError(str(path), "holds no sample", "leave it out of `files`")

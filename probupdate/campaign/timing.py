@@ -14,14 +14,15 @@ from scipy import ndimage
 from probupdate.campaign.description import DAY_NUMBERS, TIME_UNITS, Description
 from probupdate.errors import InputError
 
-# a source's own rate may differ from campaign.toml's by this; a quartz differs by a hundredth of it
+# rates as near are one; a quartz differs by a hundredth of it
 RATE_TOLERANCE = 1e-3
 # rows more than so far from where they should be, in samples, are a gap or irregular
 OFF = 0.75
 # where rows come at an even pace, the rate of rows over span may differ by this: beyond any quartz
 DRIFT_TOLERANCE = 1.5e-4
-# an even pace leaves so many samples about a line at most; rows of a running median, which jitter does not move
-EVEN, AROUND = 1.5, 15
+# an even pace leaves so many samples about a line at most; rows of a running median, which jitter does not move; points
+# of a short source
+EVEN, AROUND, FEWEST = 1.5, 15, 8
 # standard deviation of the steps, in samples, from which it is said, and beyond which a source is refused
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
 # seconds from 1970 that 64 bits of nanoseconds hold: 1678 to 2261
@@ -91,9 +92,13 @@ class Clock:
         self.first_row = 0  # rows of the source so far
         self.last_ns: int | None = None
         self.grain = 0.0  # what the times are rounded to, in samples, where that is coarse
-        self.filled = self.cuts = self.shifts = 0
+        self.late = 0.0  # samples by which the last row's time is later than its number says
+        self.origin: tuple[int, int] | None = None  # of rounded times: nanoseconds and row at which they first change
+        self.held: tuple[np.ndarray, np.ndarray] | None = None  # rows of the last ones
+        self.filled = self.cuts = self.shifts = self.unknown = 0
         self.uneven = 0.0
-        self.points: list[tuple[int, int]] = []  # row and nanoseconds, about one a second
+        self.points: list[tuple[int, int, int]] = []  # row, its nanoseconds, rows that are missing up to it
+        self.before, self.missing = 0, 0.0  # nanoseconds of the last row, rows that are missing up to it
 
     def place(
         self, time: np.ndarray | pd.DatetimeIndex | None, data: np.ndarray
@@ -108,8 +113,20 @@ class Clock:
         moment = self._nanoseconds(time)
         self._inspect(moment)
         self._pace(moment)
-        yield from self._runs(moment, data)
         self.first_row += len(data)
+        if not self.grain:
+            yield from self._runs(moment, data)
+            return
+        if self.held is not None:
+            moment, data = (np.concatenate(pair) for pair in zip(self.held, (moment, data), strict=True))
+        whole = int(np.flatnonzero(np.diff(moment, prepend=moment[0] - 1))[-AROUND:][0])
+        yield from self._between_stamps(moment, data, whole)
+        self.held = moment[whole:], data[whole:]
+
+    def finish(self) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
+        """What `place` still holds when the source has ended."""
+        if self.held is not None:
+            yield from self._between_stamps(*self.held, len(self.held[1]))
 
     def notes(self) -> list[str]:
         said = []
@@ -124,6 +141,9 @@ class Clock:
                         "rows were put at equal steps")
         if self.grain:
             said.append(f"times are rounded to {self.grain / self.rate:.3g} s; rows were counted between them")
+        if self.unknown:
+            said.append(f"{self.unknown} rows have the rounded time of rows that are missing: where they belong is not "
+                        "known, and they count as lost")
         return said
 
     def _nanoseconds(self, time: np.ndarray | pd.DatetimeIndex) -> np.ndarray:
@@ -219,77 +239,116 @@ class Clock:
                 raise InputError(f"{self.path}, time", "does not advance", "give the time of each row")
             return
         usual = step < 1.5 * sample
-        if usual.mean() < 0.5:
+        if usual.mean() < 0.05:
             raise InputError(f"{self.path}, time", f"rows come every {np.median(step) / 1e9:.6g} s, campaign.toml says "
                              f"{1 / self.rate:.6g}", self._rate_remedy(1e9 / float(np.median(step))))
-        uneven = float(np.std(step[usual] / sample))
+        uneven, least = float(np.std(step[usual] / sample)), float(step[step > 0].min())
+        if uneven > UNEVEN and uneven < 0.5 * least / sample and np.ptp((step / least + 0.5) % 1) < UNEVEN_SAID:
+            # as rounding to whole multiples of the least step makes them
+            self.grain = max(self.grain, least / sample)
+            return
         self.uneven = max(self.uneven, uneven)
         if uneven > UNEVEN:
             raise InputError(f"{self.path}, time", f"is irregular: its steps deviate by {uneven:.2f} samples",
                              "resample to equal steps first: this is not done silently")
-        rate = float(np.sum(usual)) / float(np.sum(step[usual])) * 1e9
-        if abs(len(step) * sample / float(np.sum(step)) - 1) <= RATE_TOLERANCE:
-            # as many rows as their span asks for: steps that are long are long by what others are short
-            return
-        if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
-            raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
-                             self._rate_remedy(rate))
 
     def _rate_remedy(self, rate_hz: float) -> str:
         stated = TIME_UNITS.get(self.described.time_unit)
         unit = next((name for name, s in TIME_UNITS.items()
-                     if stated and abs(self.rate / rate_hz * s / stated - 1) < RATE_TOLERANCE), "")
+                     if stated not in (None, s) and abs(self.rate / rate_hz * s / stated - 1) < RATE_TOLERANCE), "")
         if unit:
             return f'write time_unit = "{unit}" in convert.toml, if the times count in it'
-        return f"write sampling_rate_hz = {rate_hz:.6g} into campaign.toml, if the times are right, or resample first"
+        return f"write sampling_rate_hz = {rate_hz:.8g} into campaign.toml, if the times are right"
 
     def _pace(self, moment: np.ndarray) -> None:
-        """Refuse a source whose rows come at an even pace of another rate: rows, rate and span decide. Where times are
-        rounded down, the rows at which they change are known to a sample."""
-        every = max(round(self.rate), 1)
-        rows = np.flatnonzero(np.diff(moment)) + 1 if self.grain else np.arange(0, len(moment), every)
-        self.points += [(self.first_row + int(k), int(moment[k])) for k in rows]
+        """Refuse a source whose rows come at an even pace of another rate: rows, rate and span decide, also where rows
+        are missing. Where times are rounded down, the rows at which they change are known to a sample."""
+        step = np.diff(moment, prepend=moment[0] if not self.points else self.before) * self.rate / 1e9
+        # rows that are missing for all to see count
+        usual = np.median(step[step < 1.5]) if (step < 1.5).any() else 1.0
+        seen = np.where((step > 1.5 + 2 * self.uneven) & (not self.grain), np.round(step / max(usual, 0.5)) - 1, 0.0)
+        missing = self.missing + np.cumsum(seen)
+        self.before, self.missing = int(moment[-1]), float(missing[-1])
+        rows = np.flatnonzero(np.diff(moment)) + 1 if self.grain else np.arange(len(moment))
+        rows = rows[:: max(min(round(self.rate / (self.grain or 1.0)), len(rows) // FEWEST), 1)]
+        self.points += [(self.first_row + int(k), int(moment[k]), int(missing[k])) for k in rows]
         if len(self.points) < 3:
             return
-        number, time = np.array(self.points, dtype=np.int64).T
-        seconds = (time - time[0]) / 1e9
-        if np.ptp(seconds) == 0:
+        number, time, missing = np.array(self.points, dtype=np.int64).T
+        seconds, place = (time - time[0]) / 1e9, number + missing
+        count, took = np.diff(place), np.diff(seconds)
+        if not took.min() > 0 or (missing[-1] and self.uneven > UNEVEN_SAID) or abs(
+                np.ptp(number) - self.rate * seconds[-1]) <= EVEN + self.uneven:
+            # as many rows as their span asks for; how many are missing times that jitter do not say
             return
-        slope, start = np.polyfit(seconds, number - number[0], 1)
-        off = np.abs(number - number[0] - start - slope * seconds)
+        # one slope, and another start after each loss
+        stretch = np.append(0, np.cumsum(np.abs(count - np.median(count / took) * took) > EVEN + self.uneven))
+        x, y = (v - (np.bincount(stretch, v) / np.bincount(stretch))[stretch] for v in (seconds, place - place[0]))
+        slope = float(x @ y) / max(float(x @ x), 1e-9)
+        # of one stretch its seconds
+        length = float(np.sqrt(12 * (x @ x) / len(x) * (1 + stretch[-1])))
         drift = abs(slope / self.rate - 1)
-        if off.max() > EVEN + self.uneven or drift < DRIFT_TOLERANCE or drift * np.ptp(number) < 2 * EVEN:
+        if np.quantile(np.abs(y - slope * x), 0.9) > 0.5 + self.uneven or drift < DRIFT_TOLERANCE or (
+                drift * self.rate * length < 2 * EVEN):
             return
-        # known to a row over the span
-        rate = round(float(slope), max(int(np.log10(seconds[-1])), 0))
-        raise InputError(f"{self.path}, time", f"{np.ptp(number)} rows in {seconds[-1]:.6g} s come at {rate:.8g} Hz "
-                         f"without a gap, campaign.toml says {self.rate:.6g} Hz",
-                         f"write sampling_rate_hz = {rate:.8g} into campaign.toml, if the times are right")
+        # known to half a row over the span
+        rate = next((r for r in (round(slope, k) for k in range(9)) if abs(r - slope) * length <= 0.5), slope)
+        whole = stretch[-1] == 0 and missing[-1] == 0
+        raise InputError(f"{self.path}, time", f"{np.ptp(number)} rows in {seconds[-1]:.6g} s come at "
+                         f"{rate:.8g} Hz {'without a gap' if whole else 'between those that are missing'}, "
+                         f"campaign.toml says {self.rate:.6g} Hz", self._rate_remedy(rate))
+
+    def _between_stamps(self, moment: np.ndarray, data: np.ndarray, size: int) -> Iterator:
+        """The first `size` rows by times of their own, counted between rounded ones. Rows of a rounded time that lacks
+        some, for good, are lost: which of its rows are missing is not known."""
+        first = np.flatnonzero(np.diff(moment, prepend=moment[0] - 1))
+        if self.origin is None:
+            if len(first) < 2:
+                return
+            self.origin = int(moment[first[1]]), int(first[1])
+        sample, number = 1e9 / self.rate, self.first_row - len(moment) + first
+        late = (moment[first] - self.origin[0]) / sample - (number - self.origin[1])
+        if number[0] == 0:
+            late[0] = late[1]
+        # times that jitter come back, rows that are missing do not
+        late = ndimage.minimum_filter1d(late, AROUND, origin=-(AROUND // 2), mode="nearest")
+        lost = np.append(np.diff(late) > 0.5, False)
+        stamp = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(moment))))[:size]
+        self.unknown += int(np.sum(lost[stamp]))
+        own = number[0] + np.arange(size) - self.origin[1] + late[stamp]
+        yield from self._runs(self.origin[0] + np.round(own * sample).astype(np.int64),
+                              np.where(lost[stamp][:, None], np.nan, data[:size]))
 
     def _runs(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
-        """Cut where time leaves the count of rows by more than OFF samples (or what the times are rounded to)."""
+        """Cut where time leaves the count of rows by more than OFF samples: NaN for rows that are missing, another file
+        after a long gap or where a clock drifts."""
+        if not len(data):
+            return
         sample = 1e9 / self.rate
-        allowed = OFF + self.grain
+        own = (moment - moment[0]) / sample - np.arange(len(data))
+        if self.uneven > UNEVEN_SAID:
+            # a single time that is off is no gap: the count of rows goes on
+            own = ndimage.median_filter(own, AROUND, mode="nearest")
         at = 0
         while at < len(data):
             new = None
             if self.anchor is None:
-                self.anchor, self.next_row = self._first_row_time(moment[at:], sample), 0
+                self.anchor, self.next_row = int(moment[0] + round((own[at] + at) * sample)), 0
                 new = pd.Timestamp(self.anchor, tz="UTC")
-            ahead = (moment[at:] - self.anchor) / sample - (self.next_row + np.arange(len(data) - at))
-            leaving = np.abs(ahead) > allowed
-            if leaving.any() and self.uneven > UNEVEN_SAID:
-                # a single time that is off is no gap: the count of rows goes on
-                leaving = np.abs(ndimage.median_filter(ahead, AROUND, mode="nearest")) > allowed
+            late = own[at:] + ((moment[0] - self.anchor) / sample + at - self.next_row)
+            # where two rounded times are as near, either is written
+            leaving = (late > OFF) | (late < -OFF - (0.5 if self.grain else 0.0))
             stop = at + int(np.argmax(leaving)) if leaving.any() else len(data)
             if stop > at or new is not None:
                 stop = max(stop, at + 1)
                 yield new, data[at:stop]
+                self.late = float(late[stop - at - 1])
                 self.next_row += stop - at
                 at = stop
                 continue
-            gap = float(ahead[0])
-            if gap > allowed and gap / self.rate <= self.described.fill_seconds and gap > 1:
+            gap = float(late[0])
+            jump = own[at] - own[at - AROUND] if at >= AROUND else gap - self.late
+            if gap > OFF and jump > 0.5 and gap / self.rate <= self.described.fill_seconds:
                 missing = round(gap)
                 self.filled += missing
                 yield None, np.full((missing, data.shape[1]), np.nan)
@@ -298,10 +357,3 @@ class Clock:
             self.cuts += gap / self.rate > self.described.fill_seconds
             self.shifts += gap / self.rate <= self.described.fill_seconds
             self.anchor = None
-
-    def _first_row_time(self, moment: np.ndarray, sample: float) -> int:
-        """Nanoseconds of a chunk's first row; where times are rounded down, by the row at which they first change."""
-        changed = np.flatnonzero(moment != moment[0])
-        if not self.grain or not len(changed):
-            return int(moment[0])
-        return int(moment[changed[0]] - round(changed[0] * sample))

@@ -69,3 +69,18 @@ def write_file():
 @pytest.fixture
 def head() -> str:
     return HEAD
+
+
+@pytest.fixture
+def job(tmp_path, head):
+    """job(description) -> (folder of sources, campaign folder) with campaign.toml and convert.toml written."""
+    raw, campaign = tmp_path / "raw", tmp_path / "campaign"
+    raw.mkdir()
+    campaign.mkdir()
+    (campaign / "campaign.toml").write_text(head)
+
+    def describe(text: str):
+        (campaign / "convert.toml").write_text(text)
+        return raw, campaign
+
+    return describe

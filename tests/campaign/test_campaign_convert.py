@@ -17,6 +17,7 @@ import pytest
 import scipy.io
 from damage import damaged
 from peer_packages import peer
+from source_table import COLUMNS, RATE, START, noise, records, stamps, table
 
 from probupdate.campaign import converting, table_sources
 from probupdate.campaign.blocks import blocks
@@ -25,47 +26,6 @@ from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.sources import open_source
 from probupdate.errors import InputError
-
-RATE, START = 10.0, pd.Timestamp("2019-06-03T10:00:00Z")
-
-
-@pytest.fixture
-def job(tmp_path, head):
-    """job(description) -> (folder of sources, campaign folder) with campaign.toml and convert.toml written."""
-    raw, campaign = tmp_path / "raw", tmp_path / "campaign"
-    raw.mkdir()
-    campaign.mkdir()
-    (campaign / "campaign.toml").write_text(head)
-
-    def describe(text: str):
-        (campaign / "convert.toml").write_text(text)
-        return raw, campaign
-
-    return describe
-
-
-def noise(n=6000, seed=1) -> np.ndarray:
-    return np.random.default_rng(seed).standard_normal((n, 2))
-
-
-def stamps(n=6000, start=START, step="100ms") -> pd.DatetimeIndex:
-    return pd.date_range(start, periods=n, freq=step)
-
-
-def records(campaign) -> list[tuple[pd.Timestamp, np.ndarray]]:
-    """(start, data) of each file, in order."""
-    found = []
-    for path in (campaign / "acceleration").glob("*.h5"):
-        with h5py.File(path) as file:
-            found.append((pd.Timestamp(file["data"].attrs["start"]), file["data"][:]))
-    return sorted(found, key=lambda f: f[0])
-
-
-def table(data, time) -> pd.DataFrame:
-    return pd.DataFrame({"when": time, "east": data[:, 0], "north": data[:, 1], "other": 7.0})
-
-
-COLUMNS = '\n[columns]\n"a-x" = "east"\n"a-y" = "north"\n'
 
 
 def write_csv(raw, data):
@@ -236,66 +196,6 @@ def test_times_of_no_century_are_refused(job, second):
         convert(raw, campaign)
 
 
-def test_gaps_become_nan_or_another_file_and_are_told(job):
-    raw, campaign = job('files = "*.csv"\ntime = "when"\nfill_seconds = 30' + COLUMNS)
-    data, time = noise(), stamps()
-    keep = np.r_[0:1000, 1050:3000, 4000:6000]  # five seconds, then a hundred
-    table(data[keep], [t.isoformat() for t in time[keep]]).to_csv(raw / "r.csv", index=False)
-    result = convert(raw, campaign)
-    first, second = records(campaign)
-    assert first[0] == START and len(first[1]) == 3000 and np.isnan(first[1][1000:1050]).all()
-    assert np.array_equal(first[1][1050:3000], data[1050:3000].astype(np.float32))
-    assert second[0] == time[4000] and np.array_equal(second[1], data[4000:].astype(np.float32))
-    assert "50 missing rows filled" in result.summary and "1 gaps longer than 30 s" in result.summary
-
-
-def test_times_rounded_to_the_second_are_counted_between(job):
-    """Ten rows a second, the first second begun late: rows keep their true place within a sample."""
-    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
-    data, time = noise()[4:], stamps()[4:]
-    table(data, [t.floor("s").isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
-    result = convert(raw, campaign)
-    ((start, found),) = records(campaign)
-    assert abs((start - time[0]).total_seconds()) <= 1 / RATE and len(found) == len(data)
-    assert "rounded to 1 s" in result.summary
-
-
-def test_a_clock_that_runs_a_little_off_is_followed_and_told(job):
-    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
-    n = 20000
-    time = START + pd.to_timedelta(np.arange(n) * 0.1 * (1 + 1e-4), unit="s")
-    table(noise(n), [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
-    result = convert(raw, campaign)
-    at = 0
-    for start, data in records(campaign):
-        # every file's first row within a sample of its own time
-        assert abs((start - time[at]).total_seconds()) < 0.1 + 1e-9
-        at += len(data)
-    assert at == n and "drift by one sample 2 times" in result.summary
-
-
-@pytest.mark.parametrize("rate", [9.995, 10.005, 10.03])
-@pytest.mark.parametrize("stamp", ["s", "ms"])
-def test_a_rate_that_is_not_the_stated_one_is_named_with_its_remedy(job, rate, stamp):
-    """Nothing is missing: rows, rate and span decide, fast or slow, whatever the stamps are rounded to."""
-    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
-    time = (START + pd.to_timedelta(np.arange(12000) / rate, unit="s")).floor(stamp)
-    table(noise(12000), [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
-    with pytest.raises(InputError, match=rf"come at {rate}.*Hz|write sampling_rate_hz = {rate}"):
-        convert(raw, campaign)
-
-
-def test_stamps_that_jitter_lose_no_row(job):
-    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
-    away = np.random.default_rng(3).normal(0, 0.018, 12000)
-    time = START + pd.to_timedelta(np.maximum.accumulate(np.arange(12000) / 10 + np.clip(away, -0.09, 0.09)), unit="s")
-    data = noise(12000)
-    table(data, [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
-    assert "steps are uneven" in convert(raw, campaign).summary
-    ((_, found),) = records(campaign)
-    assert np.array_equal(found, data.astype(np.float32))
-
-
 @pytest.mark.parametrize(("line", "short"), [
     ("2019-06-03T10:00:00.300Z,1.0", True), ("2019-06-03T10:00:00.300Z,,", False), ("", False),
 ])
@@ -349,7 +249,7 @@ def test_lost_markers_factors_and_text_cells(job):
 MISTAKES = [
     ("zone", {"zone": None}, "its time zone is not stated"),
     ("irregular", {"jitter": 0.05}, "irregular"),
-    ("another rate", {"step": "39.0625ms"}, "rows come at 25.6 Hz, campaign.toml says 10 Hz"),
+    ("another rate", {"step": "39.0625ms"}, "come at 25.6 Hz without a gap, campaign.toml says 10 Hz"),
     ("slower", {"step": "1s"}, "rows come every 1 s, campaign.toml says 0.1"),
     ("backward", {"swap": True}, "row 31 is earlier than the one before"),
     ("autumn", {"start": "2019-10-27T02:30", "zone": "Europe/Berlin"}, "is not a single moment in that zone"),
