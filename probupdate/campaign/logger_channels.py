@@ -163,11 +163,11 @@ def _row_by_row(times: Callable[[int, int], object], chosen: Sequence[LoggerChan
 def _refuse_start(where: str, d: Description, segments: Sequence[Segment]) -> bool:
     """Whether the file's own times are used."""
     silent = next((s for s in segments if s.start_ns is None and s.moments is None), None)
-    if d.time == OWN_TIME:
-        if silent is not None:
-            raise InputError(str(silent.path), "does not state when it starts",
-                             "write start or start_pattern in convert.toml, or name its channel of times as time")
+    if d.time == OWN_TIME and silent is None:
         return True
+    if d.time == OWN_TIME and d.start is None and d.start_pattern is None:
+        raise InputError(str(silent.path), "does not state when it starts",
+                         "write start or start_pattern in convert.toml, or name its channel of times as time")
     if silent is None and "start" not in d.overrule:
         s = segments[0]
         own = int(s.moments[0]) if s.start_ns is None and s.moments is not None else s.start_ns
@@ -216,9 +216,12 @@ def _decimation(where: str, even: dict[str, list[Segment]], d: Description, rate
     said = "; ".join(f"{', '.join(names[:4])} {'...' if len(names) > 4 else ''}{text}"
                      for text, names in groups.items())
     slow = [name for name, rate in rates.items() if rate < rate_hz * (1 - SAME_RATE)]
+    lowest = min(rates.values())
+    multiples = all(abs(r / lowest / round(r / lowest) - 1) <= SAME_RATE for r in rates.values())
     remedy = ("write decimate = true in convert.toml (zero phase), or the file's rate as sampling_rate_hz" if fits else
-              f"take {', '.join(slow)} out of campaign.toml, or write the slowest rate as sampling_rate_hz and "
-              "decimate = true in convert.toml (zero phase); nothing is interpolated" if slow else
+              f"take {', '.join(slow)} out of campaign.toml" + (
+                  ", or write the slowest rate as sampling_rate_hz and decimate = true in convert.toml (zero phase)"
+                  if multiples else "") + "; nothing is interpolated" if slow else
               "write a rate as sampling_rate_hz of which all are whole multiples, and decimate = true in convert.toml "
               '(zero phase); where the file\'s rate is wrong, overrule = ["rate"]')
     kind = "holds channels of unequal rates" if len(groups) > 1 else "states another rate"

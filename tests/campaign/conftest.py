@@ -73,13 +73,13 @@ def head() -> str:
 
 @pytest.fixture
 def job(tmp_path, head):
-    """job(description) -> (folder of sources, campaign folder) with campaign.toml and convert.toml written."""
+    """job(description, rate=) -> (folder of sources, campaign folder) with campaign.toml and convert.toml written."""
     raw, campaign = tmp_path / "raw", tmp_path / "campaign"
     raw.mkdir()
     campaign.mkdir()
-    (campaign / "campaign.toml").write_text(head)
 
-    def describe(text: str):
+    def describe(text: str, rate: float = RATE):
+        (campaign / "campaign.toml").write_text(head.replace("10.0", f"{rate}", 1))
         (campaign / "convert.toml").write_text(text)
         return raw, campaign
 

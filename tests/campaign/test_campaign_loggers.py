@@ -6,11 +6,11 @@ import struct
 import sys
 import tomllib
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
 import scipy.io.wavfile
+from source_table import records
 
 from probupdate.campaign.converting import convert
 from probupdate.cli.program import main
@@ -23,35 +23,12 @@ COLUMNS = '[columns]\n"a-x" = "east"\n"a-y" = "north"\n'
 INTO_SI = np.array([1.0, 9.80665])
 
 
-@pytest.fixture
-def job(tmp_path, head):
-    """job(description, rate=) -> (folder of sources, campaign folder)."""
-    raw, campaign = tmp_path / "raw", tmp_path / "campaign"
-    raw.mkdir()
-    campaign.mkdir()
-
-    def describe(text: str, rate: float = RATE):
-        (campaign / "campaign.toml").write_text(head.replace("10.0", f"{rate}", 1))
-        (campaign / "convert.toml").write_text(text)
-        return raw, campaign
-
-    return describe
-
-
 def library(name: str):
     return pytest.importorskip(name, reason=f"{name} is an extra that this environment does not have")
 
 
 def noise(n=3000, seed=1) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal((n, 2))
-
-
-def records(campaign) -> list[tuple[pd.Timestamp, np.ndarray]]:
-    found = []
-    for path in (campaign / "acceleration").glob("*.h5"):
-        with h5py.File(path) as file:
-            found.append((pd.Timestamp(file["data"].attrs["start"]), file["data"][:]))
-    return sorted(found, key=lambda f: f[0])
 
 
 def tdms(path, channels, mode="w"):
@@ -196,6 +173,13 @@ def test_wav_is_in_shares_of_full_scale(job, kind, steps):
     np.testing.assert_allclose(found, share * [20.0, 2.0], rtol=1e-6, atol=1e-7)
 
 
+def test_a_start_is_stated_beside_the_file_s_own_rate(job):
+    raw, campaign = job(OWN + 'start = "2026-01-01T00:00Z"\n[columns]\n"a-x" = 1\n"a-y" = 2\n')
+    scipy.io.wavfile.write(raw / "r.wav", 10, noise().astype(np.float32))
+    convert(raw, campaign)
+    assert records(campaign)[0][0] == pd.Timestamp("2026-01-01T00:00Z")
+
+
 def test_whole_numbers_of_wav_ask_for_a_factor(job):
     raw, campaign = job('files = "*.wav"\nstart = "2026-01-01T00:00Z"\n[columns]\n"a-x" = 1\n"a-y" = 2\n', 100.0)
     scipy.io.wavfile.write(raw / "r.wav", 100, np.zeros((500, 2), np.int16))
@@ -218,6 +202,13 @@ def test_channels_of_unequal_rates_are_refused(job, rate, remedy):
     with pytest.raises(InputError, match="unequal rates: g/east 10 Hz; g/north 1 Hz") as error:
         convert(raw, campaign)
     assert remedy in str(error.value)
+
+
+def test_only_whole_multiples_are_advised_to_decimate(job):
+    raw, campaign = job(OWN + COLUMNS)
+    tdms(raw / "r.tdms", [(name, noise()[:, 0], step, START, "") for name, step in (("east", 0.1), ("north", 0.102))])
+    with pytest.raises(InputError, match="take g/north out of campaign.toml; nothing is interpolated"):
+        convert(raw, campaign)
 
 
 def test_mdf_rasters_of_unequal_rates_are_refused(job):

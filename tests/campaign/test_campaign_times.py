@@ -119,3 +119,19 @@ def test_times_rounded_to_most_of_a_sample_are_regular(job):
     table(data, np.floor(np.arange(3000) / 10 / 0.064 + 1e-9) * 0.064).to_csv(raw / "r.csv", index=False)
     assert "times are rounded to 0.064 s" in convert(raw, campaign).summary
     assert np.array_equal(np.concatenate([d for _, d in records(campaign)]), data.astype(np.float32))
+
+
+def test_files_that_each_count_from_their_beginning_are_told_how(job):
+    text = 'files = "*.csv"\ntime = "when"\ntime_unit = "s"\n{}' + COLUMNS
+    raw, campaign = job(text.format('start = "2024-05-01T00:00Z"'))
+    for k in (0, 1):
+        table(noise(600, k), np.arange(600) / RATE).to_csv(raw / f"r_20240501_00{k}000.csv", index=False)
+    with pytest.raises(InputError, match="where each file counts from its own beginning, take that from its name by"):
+        convert(raw, campaign)
+    (campaign / "acceleration/converted.json").unlink()
+    for path in (campaign / "acceleration").glob("*.h5"):
+        path.unlink()
+    (campaign / "convert.toml").write_text(text.format(
+        "start_pattern = 'r_(\\d{8}_\\d{6})'\nstart_format = \"%Y%m%d_%H%M%S\"\nzone = \"UTC\""))
+    convert(raw, campaign)
+    assert [start.minute for start, _ in records(campaign)] == [0, 10]
