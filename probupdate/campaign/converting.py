@@ -252,8 +252,8 @@ def _overlap_sentence(
                     anew = ("where each file counts from its own beginning, take that from its name by start_pattern; "
                             "else ") if since[0] == since[1] else ""
                     raise InputError(source, f"overlaps {other} by {count} samples from {begin:%Y-%m-%dT%H:%M:%S.%fZ} "
-                                     "and differs from it there", f"{anew}keep the right one of the two in `files`, or write "
-                                     'overrule = ["overlap"] in convert.toml, which uses the one that starts first')
+                                     "and differs from it there", anew + "keep the right one of the two in `files`, or "
+                                     'write overrule = ["overlap"] in convert.toml, which uses what starts first')
                 said[other] = said.get(other, 0) + count
     words = "where the one that starts first is used" if "overlap" in overruled else "which agree"
     return [f"{source} and {other} overlap by {count} samples, {words}" for other, count in said.items()]

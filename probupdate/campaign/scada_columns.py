@@ -64,6 +64,7 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
     table, notes = table.copy(), []
     if table.empty:
         return Columns(table=table, notes=())
+    notes += _check_rows_of_one_number(table)
     for column, (low, high) in POSSIBLE.items():
         for name in (column + e for e in ENDINGS if column + e in table):
             spread = name.endswith("_std")
@@ -82,6 +83,17 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
 # Numbers that stand for none ----------------------------------------------------------------------------------------
 
 
+def _check_rows_of_one_number(table: pd.DataFrame) -> list[str]:
+    """All columns at the same number, 0 or -1 or nines: what an interface writes that has no values."""
+    known = table[[c for c in POSSIBLE if c in table]]
+    gone = ((known.min(axis=1) == known.max(axis=1)) & (known.notna().sum(axis=1) >= FEW)).to_numpy()
+    if not gone.any():
+        return []
+    shown = ", ".join(f"{v:g}" for v in np.unique(known.max(axis=1)[gone])[:3])
+    table.loc[gone] = np.nan
+    return [f"{plural(int(gone.sum()), 'row')} of SCADA with one number in all columns ({shown}): taken as missing"]
+
+
 def _without_fillers(table: pd.DataFrame, name: str, low: float, high: float) -> list[str]:
     values = table[name].to_numpy(float)
     # infinite ones too; of NaN both are false
@@ -93,6 +105,9 @@ def _without_fillers(table: pd.DataFrame, name: str, low: float, high: float) ->
         return []
     shown = ", ".join(f"{v:g}" for v in np.unique(values[gone])[:3])
     table[name] = np.where(gone, np.nan, values)
+    if len(np.unique(values[gone])) > max(0.5 * np.isfinite(values).sum(), FEW):
+        return [f"suspect: {name} in SCADA is {np.nanmedian(values):.4g} in the middle of its rows, which it cannot "
+                "be: another column, or another unit? What lies outside is taken as missing"]
     return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA ({shown}), a filler: taken as missing"]
 
 
@@ -320,19 +335,28 @@ def _wind_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]
     full = _full_power(power, rated)
     with np.errstate(invalid="ignore"):
         at = (power > 0.2 * full) & (power < 0.8 * full) & np.isfinite(wind)
+        runs = (power > 0.2 * full) & np.isfinite(wind)
+    if runs.sum() >= FEW and float(np.median(wind[runs])) > CUT_OUT:
+        middle = float(np.median(wind[runs]))
+        return _wind_sentence(f"{middle:.3g} in the middle of the rows in which the turbine gives power, and turbines "
+                              f"stop above {CUT_OUT:g} m/s: ", middle, (0.5 * RATED_WIND[0], CUT_OUT))
     if at.sum() < 2 * FEW:
         return []
     of_rated = wind[at] / np.cbrt(power[at] / full)
     least, middle = np.quantile(of_rated, [0.1, 0.5])
     if least <= RATED_WIND[1] and (middle >= RATED_WIND[0] or not rated):
         return []
-    text = (f"wind_speed_mps in SCADA is {np.median(wind[at]):.3g} where the turbine gives a part of its power, and "
-            f"would be {middle:.3g} at rated power, which {RATED_WIND[0]:g} to {RATED_WIND[1]:g} m/s give: ")
-    fits = [(name, f) for name, f in WIND_UNITS.items() if RATED_WIND[0] <= f * middle <= RATED_WIND[1]]
+    return _wind_sentence(f"{np.median(wind[at]):.3g} where the turbine gives a part of its power, and would be "
+                          f"{middle:.3g} at rated power, which {RATED_WIND[0]:g} to {RATED_WIND[1]:g} m/s give: ",
+                          float(middle), RATED_WIND)
+
+
+def _wind_sentence(text: str, middle: float, possible: tuple[float, float]) -> list[tuple[str, str]]:
+    fits = [(name, f) for name, f in WIND_UNITS.items() if possible[0] <= f * middle <= possible[1]]
     remedy = "; ".join(_factor_remedy("wind_speed_mps", f) + (f" for {name}" if len(fits) > 1 else "")
                        for name, f in fits)
-    return [("wind_speed_mps", text + (f"is it in {' or '.join(n for n, _ in fits)}? {remedy}" if fits
-                                       else "another unit?"))]
+    question = f"is it in {' or '.join(n for n, _ in fits)}? {remedy}" if fits else "another unit?"
+    return [("wind_speed_mps", f"wind_speed_mps in SCADA is {text}{question}")]
 
 
 def _pitch_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:

@@ -168,6 +168,28 @@ def test_wind_in_another_unit_is_said_with_it(tmp_path, unit, metres, at_rated, 
     assert unit in sentence and f"{metres:.6g}" in sentence and "wind_speed_mps" not in found
 
 
+@pytest.mark.parametrize(("unit", "metres"), [("knots", 0.514444), ("km/h", 1 / 3.6)])
+def test_wind_at_rated_power_in_another_unit_is_said(tmp_path, unit, metres):
+    """No row gives a part of the power."""
+    found = read(tmp_path, scada(wind_speed_mps=scada()["wind_speed_mps"] / metres))
+    (sentence,) = found.attrs["notes"]
+    assert unit in sentence and f"{metres:.6g}" in sentence and "wind_speed_mps" not in found
+
+
+@pytest.mark.parametrize("number", [0.0, -1.0, 1.0])
+def test_rows_of_one_number_are_missing(tmp_path, number):
+    table = scada(power_kw_std=3.0)
+    table.loc[[20, 21], table.columns != "time"] = number
+    found = read(tmp_path, table)
+    assert found.iloc[[20, 21]].isna().all(axis=None) and found["power_kw"].notna().sum() == N - 2
+    assert found.attrs["notes"] == (f"2 rows of SCADA with one number in all columns ({number:g}): taken as missing",)
+
+
+def test_a_direction_as_wind_speed_is_no_filler(tmp_path):
+    found = read(tmp_path, scada(wind_speed_mps=np.linspace(150, 230, N)))
+    assert "wind_speed_mps in SCADA is 190 in the middle of its rows" in found.attrs["notes"][0]
+
+
 def test_a_curtailed_turbine_has_no_other_wind(tmp_path):
     wind = np.linspace(3, 20, N)
     curtailed = np.minimum(power_curve(wind, 12.0), 0.4 * RATED)
