@@ -440,8 +440,8 @@ def _fit(u, weight, count: int, logarithmic, rng) -> list[StudentT]:
 class Agreement:
     """Importance sampling beside a chain: effective draws of N_DRAW, Pareto k, ln evidence (None where the weights or
     the chain say otherwise), and the largest difference of the two means of a parameter, in standard errors of both
-    (`z`) and in posterior standard deviations (`apart`); of their standard deviations, `spread_z` and by which share
-    they differ, `spread_apart`."""
+    (`z`) and in posterior standard deviations (`apart`); of their mean absolute deviations from the median, `spread_z`
+    and by which share they differ, `spread_apart`."""
 
     effective: float
     n_draw: int
@@ -484,7 +484,7 @@ class Agreement:
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: its weights are too heavy-tailed to check the chain"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
-                 f"({self.parameter}, {self.z:.1f} standard errors), its standard deviations within "
+                 f"({self.parameter}, {self.z:.1f} standard errors), its mean absolute deviations within "
                  f"{100 * abs(self.spread_apart):.0f} % ({self.spread_parameter})")
         return text if self.agrees else f"{text}: THEY DISAGREE, use neither"
 
@@ -496,16 +496,21 @@ def agree(weighted: WeightedDraws, chain) -> Agreement:
     gap = np.abs(weighted.mean - draws.mean(axis=0))
     error = np.hypot(weighted.mean_error, std / np.sqrt(np.maximum(chain.ess, 1.0)))
     worst = int(np.argmax(gap / error))
-    spread = np.abs(weighted.std - std)
-    spread_error = np.hypot(weighted.std_error, std / np.sqrt(2 * np.maximum(chain.spread_ess, 1.0)))
-    wide = int(np.argmax(spread / spread_error))
+    # squares of a far maximum that holds one in a hundred thousand would be most of a standard deviation
+    middle = np.median(draws, axis=0)
+    folded, far = np.abs(draws - middle), np.abs(weighted.theta - middle)
+    width, other = folded.mean(axis=0), weighted.weight @ far
+    spread_error = np.hypot(np.sqrt(weighted.weight**2 @ (far - other) ** 2),
+                            folded.std(axis=0, ddof=1) / np.sqrt(np.maximum(chain.spread_ess, 1.0)))
+    wide = int(np.argmax(np.abs(other - width) / spread_error))
     # heavy weights understate their own error, and what a chain that has not converged confirms is nothing
     stated = weighted.unreached < FEW and weighted.pareto_k < (TRUSTED_K if chain.converged else GOOD_K)
     return Agreement(
         effective=weighted.effective, n_draw=len(weighted.theta), pareto_k=weighted.pareto_k,
         log_evidence=weighted.log_evidence if stated else None,
         log_evidence_std=weighted.log_evidence_std if stated else None, evaluated=weighted.evaluated,
-        spread_z=float(spread[wide] / spread_error[wide]), spread_apart=float(weighted.std[wide] / std[wide] - 1),
+        spread_z=float(np.abs(other - width)[wide] / spread_error[wide]),
+        spread_apart=float(other[wide] / width[wide] - 1),
         spread_parameter=weighted.names[wide],
         z=float(gap[worst] / error[worst]), apart=float(gap[worst] / std[worst]), parameter=weighted.names[worst],
         without_modes=weighted.without_modes, unreached=weighted.unreached,
