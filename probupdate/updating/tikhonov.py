@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, ProbupdateError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.problem import Problem
@@ -135,6 +135,13 @@ class _Objective:
         """First term of Eq. 6."""
         return float(self.problem.misfit(self.problem.predict(theta)))
 
+    def trial_misfit(self, theta: np.ndarray) -> float:
+        """The same; infinite where the bounds allow what has no modes, such as no stiffness at all."""
+        try:
+            return self.misfit(theta)
+        except (ProbupdateError, np.linalg.LinAlgError):
+            return np.inf
+
     def change(self, theta: np.ndarray, origin: np.ndarray) -> float:
         """Second term of Eq. 6: alpha (theta - origin)^T W_Theta (theta - origin)."""
         return float(self.alpha * np.sum((self.prior_root @ (theta - origin)) ** 2))
@@ -165,7 +172,7 @@ def _gauss_newton(
         trial, misfit, lower = theta, misfits[-1], False
         for _ in range(HALVINGS):
             trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
-            misfit = objective.misfit(trial)
+            misfit = objective.trial_misfit(trial)
             lower = misfit + objective.change(trial, origin) <= before * (1 + ROUNDING)
             if lower:
                 break

@@ -10,8 +10,10 @@ from updating_cases import (
     LINEAR_HZ,
     LINEAR_PARAMETERS,
     SLOPE,
+    chain_model,
     chain_problem,
     linear_problem,
+    measured_chain,
     modal_set,
 )
 
@@ -278,3 +280,23 @@ def test_impossible_options_are_one_clear_line(options, words):
     with pytest.raises(InputError, match=words) as error:
         update(chain_problem(), **options)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("penalty", ["step", "prior"])
+def test_a_step_onto_a_bound_without_stiffness_is_halved(penalty):
+    """Whole steps go to a spring of zero, where a chain has no modes: the update was refused."""
+    items = (replace(CHAIN_PARAMETERS.items[0], lower=0.0), *CHAIN_PARAMETERS.items[1:])
+    model, truth = chain_model(Parameters(items)), np.array([0.12, 1.0, 1.0, 0.02])
+    with pytest.raises(InputError, match="not positive definite"):
+        model.solve(np.array([0.0, 1.0, 1.0, 0.02]), 2)
+    problem = build_problem(model, measured_chain(truth, model=model))
+    assert bounded_first_step(problem)[0] == pytest.approx(-1.0)
+    assert update(problem, penalty=penalty).theta[-1][0] == pytest.approx(0.12, abs=0.03)
+
+
+def bounded_first_step(problem):
+    initial = problem.parameters.initial
+    response, slope = problem.sensitivity(initial)
+    matrix = np.vstack([problem.whiten(slope.T).T, np.diag(1 / problem.parameters.std)])
+    right = np.concatenate([problem.whiten(problem.measured - response), np.zeros(len(initial))])
+    return bounded_step(matrix, right, initial, problem.parameters)
