@@ -136,11 +136,14 @@ def main() -> None:
 
 
 def _write(path: Path, lines, n: int) -> None:
+    from probupdate.cli.terminal import time_left
+
+    begun = time.monotonic()
     with path.open("a") as file:
         for k, line in enumerate(lines, start=1):
             file.write(line + "\n")
             file.flush()
-            print(f"{k}/{n} {json.loads(line)['id']}", flush=True)
+            print(f"{k}/{n} {json.loads(line)['id']}{time_left(time.monotonic() - begun, k, n)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import numpy as np
 from chain import CARRIED, NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_bench, measure
 from posterior import Pool, gaussian_rank, make_pool, place_of_truth, printed_interval, set_wise_scatter
 
+from probupdate.cli.terminal import time_left
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
 from probupdate.updating.problem import Problem, Weights, build_problem
@@ -109,18 +110,20 @@ def main() -> int:
     a.out.mkdir(parents=True, exist_ok=True)
     noises = {case: case.split("-")[1] for case in a.case}
     shared = {noise: _shared(a.out, noise, a.theory) for noise in set(noises.values())}
+    done = {case: {line["number"] for line in read_lines(a.out, case)} for case in a.case}
     # cases take turns, so that a run that is stopped has some of each
-    for number in range(a.first + a.part, a.first + a.replicates, a.parts):
-        for case in a.case:
-            path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
-            if any(line["number"] == number for line in read_lines(a.out, case)):
-                continue
-            _mend(path)
-            line = replicate(*shared[noises[case]], case, number)
-            with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-            sys.stdout.write(f"{case} {number}: {line['seconds']} s {line.get('refused', line.get('by'))}\n")
-            sys.stdout.flush()
+    tasks = [(number, case) for number in range(a.first + a.part, a.first + a.replicates, a.parts) for case in a.case
+             if number not in done[case]]
+    begun = time.monotonic()
+    for k, (number, case) in enumerate(tasks, start=1):
+        path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
+        _mend(path)
+        line = replicate(*shared[noises[case]], case, number)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+        sys.stdout.write(f"{case} {number}: {line['seconds']} s {line.get('refused', line.get('by'))}"
+                         f"{time_left(time.monotonic() - begun, k, len(tasks))}\n")
+        sys.stdout.flush()
     return 0
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.cli.terminal import terminal_progress
 from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend
 from probupdate.diagnosis.gain import gains
@@ -138,7 +139,8 @@ def main() -> None:
     write_modes(run.data, a.out / "modes.json")
     prepared = prepare(reference_model("updated"))
     begun = time.process_time()
-    outcome = examine(prepared, run.data, seed=a.seed)
+    with terminal_progress() as progress:
+        outcome = examine(prepared, run.data, seed=a.seed, progress=progress)
     spent = time.process_time() - begun
     # what was taken in is followed to its gain even where something remains and the verdict is "unexplained"
     gains_of = list(gains(outcome))
@@ -160,7 +162,7 @@ def main() -> None:
                       "block": n.time_profile.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
         "gains": gains_of, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes),
-             "truth": truth,
+        "truth": truth,
     }
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")

@@ -15,6 +15,7 @@ import argparse
 import json
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -319,15 +320,20 @@ def main() -> int:
     parser.add_argument("--records", type=int, default=16)
     parser.add_argument("--peers", default="", metavar="PYTHON")
     a = parser.parse_args()
-    every = []
-    for seed in range(a.seeds[0], a.seeds[1] + 1):
+    from probupdate.cli.terminal import time_left
+
+    every, begun, made = [], time.monotonic(), 0
+    last = a.seeds[1]
+    for seed in range(a.seeds[0], last + 1):
         path = a.out / f"{seed}" / "rows.json"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps(study(path.parent, seed, a.records, a.peers), indent=1,
                                        default=lambda x: x.tolist() if hasattr(x, "tolist") else float(x)))
+            made += 1
         every.append(json.loads(path.read_text()))
-        sys.stdout.write(f"seed {seed}\n{summary(every[-1:])}\n")
+        left = time_left(time.monotonic() - begun, made, made + last - seed)
+        sys.stdout.write(f"seed {seed}{left}\n{summary(every[-1:])}\n")
         sys.stdout.flush()
     sys.stdout.write(f"\nall, median and quartiles over modes\n{summary(every)}\n")
     return 0

@@ -18,6 +18,7 @@ import probupdate
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.gaps import fill_short_gaps
 from probupdate.campaign.reading import Campaign, read_campaign
+from probupdate.cli.terminal import terminal_progress
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
 from probupdate.identification.environment import fore_aft_deg
@@ -158,8 +159,9 @@ def main() -> None:
     if a.windy:
         given = a.out / "windy.toml"
         given.write_text(WINDY, encoding="utf-8")
-    probupdate.simulate(folder, model=a.state, days=a.days, seed=a.seed, truth=given)
-    identification = probupdate.identify(folder, a.model, store=a.out / "blocks")
+    with terminal_progress() as progress:
+        probupdate.simulate(folder, model=a.state, days=a.days, seed=a.seed, truth=given, progress=progress)
+        identification = probupdate.identify(folder, a.model, store=a.out / "blocks", progress=progress)
     campaign, truth = read_campaign(folder), read_truth_modes(folder / "truth.toml")
     reference = reference_modes(open_model(a.model, None, campaign.sensors), campaign.sensors).modes
     removed = with_harmonics_removed(campaign, identification, reference)

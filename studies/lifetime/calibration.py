@@ -457,13 +457,12 @@ def main() -> int:
                 if time.monotonic() > end or number in {line["number"] for line in of_case(a.out, case)}:
                     continue
                 path = a.out / f"{case}.{part}of{a.jobs}.jsonl"
+                line = turbine(bench, case, number, a.rounds)
                 # without the half line of a killed process
-                path.write_text(
-                    "".join(
-                        json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number, a.rounds)]
-                    ),
-                    encoding="utf-8",
-                )
+                path.write_text("".join(json.dumps(x) + "\n" for x in [*read_lines(path), line]), encoding="utf-8")
+                sys.stdout.write(f"{case} {number}: {line['cpu_seconds']} s {line.get('refused', '')}; at most "
+                                 f"{max(end - time.monotonic(), 0) / 60:.0f} min left\n")
+                sys.stdout.flush()
 
     workers = [multiprocessing.get_context("fork").Process(target=work, args=(k,)) for k in range(a.jobs)]
     for worker in workers:
