@@ -55,23 +55,18 @@ def share_of_scatter(run, plain) -> list[float]:
 
 
 def updated(path: Path, mean: Path) -> dict:
-    """Of every parameter the most probable value for the mean of the blocks, in prior standard deviations from the
-    prior's centre."""
+    """Of every parameter the most probable value for the mean of the blocks with its standard deviation, and how many
+    prior standard deviations it lies from the prior's centre; `misfit` of as many `numbers`."""
     data = read_modes(mean)
     model = load_model(path, nacelle_angle_deg=nacelle_angle_deg(data.sets[0].environment, mean.name))
     problem = build_problem(model, data, weights=default_likelihood(model, data))
-    theta = find_maximum(problem, [problem.parameters.initial]).theta
-    return {"parameters": [{"name": p.name, "prior": p.initial, "prior_std": p.std,
-                            "prior_shift": float((value - p.initial) / p.std)}
-                           for p, value in zip(problem.parameters, theta, strict=True)]}
-
-
-def with_shear(out: Path) -> dict:
-    """The update with the findings once more, of a model whose members give way in shear as the structure's do."""
-    text = (out / "diagnosis.model.toml").read_text(encoding="utf-8")
-    path = out / "shear.model.toml"
-    path.write_text(text.replace('theory = "bernoulli-euler"', 'theory = "timoshenko"'), encoding="utf-8")
-    return updated(path, out / "diagnosis.mean.json")
+    top = find_maximum(problem, [problem.parameters.initial])
+    std = np.sqrt(np.diag(top.covariance))
+    return {"misfit": float(problem.misfit(problem.predict_many(top.theta[None]).response)[0]),
+            "numbers": problem.measured.size,
+            "parameters": [{"name": p.name, "prior": p.initial, "prior_std": p.std, "value": float(value),
+                            "std": float(own), "prior_shift": float((value - p.initial) / p.std)}
+                           for p, value, own in zip(problem.parameters, top.theta, std, strict=True)]}
 
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
@@ -90,12 +85,12 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     figure, axes = plt.subplots(2, 2, figsize=(9, 4.6), sharex=True, sharey="row", layout="constrained")
     single = next(q for q, group in enumerate(blocks.groups) if len(group) == 1)
     last = len(blocks.groups) - 1
-    swing = [np.ptp(outcome.null.departures[last][:, i]) for i in (0, 1)]
+    swing = [np.ptp(outcome.null.residuals[last][:, i]) for i in (0, 1)]
     chosen = [(single, 0, blocks.group_name(single)), (last, int(np.argmax(swing)), blocks.group_name(last))]
     for column, (fit, word) in enumerate(((outcome.null, "model as it is"), (outcome.fitted, "with the findings"))):
         for row, (q, i, name) in enumerate(chosen):
             measured = fit.design.noise.weight[q] > 0
-            left = 100 * fit.departures[q][measured, i]
+            left = 100 * fit.residuals[q][measured, i]
             axes[row, column].plot(blocks.hours[measured] / 24, left, ".", ms=3, color="#30507a")
             axes[row, column].axhline(0, color="0.6", lw=0.8)
             axes[row, column].axvline(HALF_WAY_H / 24, color="#b03030", lw=1, ls="--")
@@ -112,7 +107,7 @@ def draw_shifts(shifted: dict[str, list[float]], path: Path) -> None:
 
     figure, left = plt.subplots(figsize=(4.8, 3.6), layout="constrained")
     place = np.arange(len(shifted))
-    sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and flexible in shear"))
+    sides = (("#c08040", "plain update"), ("#30507a", "with the findings"))
     thick = 0.8 / len(sides)
     for side, (colour, word) in enumerate(sides):
         left.barh(place - 0.4 + thick * (side + 0.5), [v[side] for v in shifted.values()], thick, color=colour,
@@ -150,8 +145,7 @@ def main() -> None:
     found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
     mean = a.out / "diagnosis.mean.json"
-    updates = [updated(reference_model("updated"), mean), updated(a.out / "diagnosis.model.toml", mean),
-               with_shear(a.out)]
+    updates = [updated(reference_model("updated"), mean), updated(a.out / "diagnosis.model.toml", mean)]
     truth = {k: float(v) for k, v in run.truth.parameters.items()}
     taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.included]
     story = {
@@ -161,8 +155,8 @@ def main() -> None:
         "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "time_profile": n.time_profile.name,
                       "block": n.time_profile.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
-        "gains": gains_of, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes),
-        "truth": truth,
+        "updates": dict(zip(("plain", "with the findings"), updates, strict=True)), "gains": gains_of,
+        "extension": more.content, "notes": list(found.notes), "truth": truth,
     }
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
