@@ -91,12 +91,12 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
         return []
     seldom = [name for name, n, of in zip(names, taken.sum(axis=0), found.sum(axis=0), strict=True)
               if name and 2 * n < of]
-    said = (f"frequency, damping and shape by maximum likelihood of the spectra for {taken.sum()} of {found.sum()} "
-            "identified modes, counted block by block")
+    said = (f"maximum-likelihood estimates of frequency, damping and shape for {taken.sum()} of {found.sum()} modes "
+            "found in single blocks")
     if taken.sum() < found.sum():
-        said += ", by SSI-cov for the others"
+        said += ", those of SSI-cov for the others"
     if seldom:
-        said += (f", most of {', '.join(seldom)}: their spectra hold more than these modes under a smooth force "
+        said += (f", among them most of {', '.join(seldom)}, whose spectra hold more than these modes under a smooth force "
                  "(lines, tails of other modes), or too little")
     return [said]
 

@@ -39,7 +39,7 @@ FAR_SHIFT = 2.0
 # how one state of several is updated
 ONE_STATE = ("Update each state by itself: `probupdate select MODES --before TIME --out before.json`, or "
              "`--since TIME`, keeps its sets.")
-NEITHER_STATE = "update and posterior are of neither state"
+NEITHER_STATE = "update and posterior describe neither state"
 
 
 def check_priors(names: Sequence[str]) -> str:
@@ -143,7 +143,7 @@ def _diagnosis_findings(run: Run) -> list[Finding]:
         whose = "update" if run.posterior is None else "update and posterior"
         return [Finding(level="warning", short=NEITHER_STATE, action=_state_advice(content),
                         text=f"Parameters and predictions of this run's {whose}: they are of the sets before and after "
-                        "the change together, so of neither state.")]
+                        "the change together, so they describe neither state.")]
     actions = [] if run.included else extension_advice(content)
     actions += [full_sentence(one) for one in channel_response_actions(content)]
     of_sensors = content["verdict"] == "named" and all(f["kind"] == "measurement" for f in content["findings"])
@@ -187,7 +187,7 @@ def _step_findings(run: Run) -> list[Finding]:
         return []
     action = ("Run `probupdate diagnose` with this model and these sets: it looks for what changed, and has the "
               "parameters before and after." if run.diagnosis is None else ONE_STATE)
-    return [Finding(level="warning", short="frequencies step between the sets, so that they are of neither state",
+    return [Finding(level="warning", short="frequencies step between the sets, so that their mean describes neither state",
                     text=full_sentence(words), action=action)]
 
 

@@ -180,7 +180,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
     caption = "Parameters to use, with their intervals"
     if found and found[0].level == "warning":
-        caption = "Parameters of the mean of two states, of neither" if step_words(run) else "Parameters, provisional"
+        caption = "Parameters of two states together, valid for neither" if step_words(run) else "Parameters, provisional"
     return [Table(caption=caption,
                   columns=tuple(columns), rows=tuple(rows), note=note, width="half")]
 
@@ -292,8 +292,8 @@ def _headline(run: Run, found: tuple[Finding, ...]) -> str:
         run.diagnosis is not None and run.included) else "the updated model"
     if changes_within(run):
         its = "the update of this run is" if run.posterior is None else "update and posterior of this run are"
-        words = (f"{its} of the sets before and after that together, so of neither state; the table has the parameters "
-                 "of each")
+        words = (f"{its} of the sets before and after that together, valid for neither state; the table has "
+                 "the parameters of each")
     elif misses(update):
         its += ", without what was found," if is_diagnosed(run) else ""
         ratio = decimal(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
@@ -467,7 +467,7 @@ def _parameter_table(run: Run, update: UpdateRecord) -> Table:
     else:
         note = ("After: the most probable value (MAP). Width over prior: standard deviation of the Gaussian "
                 "approximation at the MAP over the prior's, as nothing was sampled.")
-    note = f"{'Of all sets together, of neither state. ' if changes_within(run) else ''}{note}"
+    note = f"{'Of all sets together, which describes neither state. ' if changes_within(run) else ''}{note}"
     note += (f" Strongly identified: below {STRONG}; keeps its prior: above {BLIND}. At a bound the bound decides. "
              "Standardised shift: of the value after, in standard deviations of the prior.")
     return Table(caption="What is known of each parameter", columns=tuple(columns), rows=tuple(rows),
@@ -498,9 +498,9 @@ def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Pictur
     printed = [_worst_error(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
     if printed and printed[0] < _worst_error(update.measured_hz, after.frequency_hz):
         caption += (f" The update by Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the "
-                    f"recommended {after.name}: it penalises only the step, so that with every iteration it forgets "
-                    "more of the prior and follows errors of measurement and model too. A closer fit is no better "
-                    "estimate; it is not recommended.")
+                    f"recommended {after.name}: it penalises only the step from the previous iterate, so that the prior "
+                    "loses weight with every iteration and errors of measurement and model are fitted as well. A closer "
+                    "fit is not a better estimate; it is not recommended.")
     return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
                    f"initial within {percent(_worst_error(update.measured_hz, update.initial_hz))} %, {after.name} "

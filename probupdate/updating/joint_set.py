@@ -78,7 +78,7 @@ def states_words(data: ModalData, ids: Sequence[str]) -> str:
     later = sum(every.index(one) >= every.index(first) for one in ids)
     whose = {0: "before it: an update of them is of the state before",
              len(ids): "after it: an update of them is of the state after"}.get(
-                 later, f"of both states, {len(ids) - later} before it and {later} after: their mean is of neither")
+                 later, f"of both states, {len(ids) - later} before it and {later} after: their mean describes neither")
     return f"frequencies step at set {first} ({sizes}), and the sets kept are {whose}"
 
 

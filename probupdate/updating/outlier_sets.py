@@ -165,11 +165,11 @@ def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
 
 def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> str:
     """A sentence where frequencies (of the modes `used`, None: of all) stand at one level up to a set and at another
-    from it on: their mean is of neither state; empty where they do not. The sets are in the order of the data, which
+    from it on: their mean describes neither state; empty where they do not. The sets are in the order of the data, which
     is that of time."""
     first, sizes = first_after_step(data, used)
     return first and (f"frequencies step at set {first} ({sizes}): the structure changed there, and parameters "
-                      "from the mean of all sets are of neither state")
+                      "from the mean of all sets describe neither state")
 
 
 def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tuple[str, str]:

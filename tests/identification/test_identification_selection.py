@@ -429,7 +429,7 @@ def record_with_step(folder, at: int):
 
 @pytest.mark.parametrize(("at", "count", "whose"), [
     (8, 3, "before it: an update of them is of the state before"), (4, 3, "after it: an update of them is"),
-    (6, 12, "of both states, 6 before it and 6 after: their mean is of neither")])
+    (6, 12, "of both states, 6 before it and 6 after: their mean describes neither")])
 def test_select_says_from_which_state_its_sets_are(tmp_path, at, count, whose):
     chosen = probupdate.select(record_with_step(tmp_path, at), count=count)
     onset = read_modes(tmp_path / "modes.json").sets[at].id

@@ -192,7 +192,7 @@ def test_parameters_of_a_structure_that_changed_are_those_of_each_state(two_stat
     assert table.rows[1][2:] == ("1.05 (1.02 to 1.08)", "the same", "–")
     section = verdict_section(two_states)
     assert "parameter k_t: from 1.2 to 0.9 (−25.0 ± 2.5 %), from 2019-06-03T12:00Z on; " in section.headline
-    assert "so of neither state" in section.headline and not section.lead and "fits" not in section.headline
+    assert "valid for neither state" in section.headline and not section.lead and "fits" not in section.headline
     actions = next(i for i in section.items if getattr(i, "title", "") == "What to do").statements
     assert any("--modes diagnosis.mean.json" in text for text in actions)
     assert any("from 2019-06-03T12:00Z on" in line for line in conclusion(two_states))
@@ -261,9 +261,9 @@ def test_sets_of_one_state_have_parameters_of_their_own(two_states, chosen):
 def test_frequencies_that_step_between_the_sets_forbid_their_mean(sound):
     update = replace(sound.update, set_id="48 of 48 sets", settings={"step between the sets": "frequencies step at x"})
     stepping = replace(sound, diagnosis=None, update=update)
-    assert to_use(stepping).caption == "Parameters of the mean of two states, of neither"
+    assert to_use(stepping).caption == "Parameters of two states together, valid for neither"
     section = verdict_section(stepping)
-    assert section.level == "warning" and "of neither state" in section.headline
+    assert section.level == "warning" and "neither state" in section.headline
     assert any("probupdate diagnose" in f.action for f in findings(stepping))
     # a diagnosis that finds nothing beyond what is normal has explained it
     assert "neither" not in verdict_section(replace(stepping, diagnosis=sound.diagnosis)).headline
@@ -371,7 +371,7 @@ def test_why_eq_7_fits_closer_is_said_at_the_figure(run):
     closer = replace(run, update=replace(run.update, schemes=tuple(
         exact if s.key == "step" else s for s in run.update.schemes)))
     words = errors_picture(closer).caption
-    assert "forgets more of the prior" in words and "initial within" in picture.alt
+    assert "the prior loses weight" in words and "initial within" in picture.alt
 
 
 def test_a_model_that_misses_is_said_to_miss(run):

@@ -134,7 +134,7 @@ def moved(course, seed=3):
 def test_a_step_between_sets_is_said_with_its_set(at: int):
     data = moved(np.where(np.arange(24) < at, 0.0, -0.04))
     words = step_between_sets(data)
-    assert f"step at set {data.sets[at].id} " in words and "of neither state" in words
+    assert f"step at set {data.sets[at].id} " in words and "neither state" in words
 
 
 def test_a_step_is_said_of_the_modes_that_are_used():
