@@ -119,11 +119,11 @@ def demo(
             "update": (_update, extended, data, files["update"], likelihood),
             "sample": (_sample, extended, data, files["posterior"], likelihood, seed, runs),
         }, jobs, progress)
-        with steps.of("compare", again=True):
+        with steps.run_step("compare", again=True):
             compared = verbs.compare(files["update"], files["posterior"], model=extended)
             compared.write(files["compare"])
             say(compared.summary)
-        with steps.of("report", again=True):
+        with steps.run_step("report", again=True):
             page, conclusion = report_with_conclusion(out, out / "report.html", jobs=runs, progress=progress)
     seconds = time.monotonic() - begun
     summary = "\n".join(["", *conclusion, f"{seconds:.0f} s; open {page}"])
@@ -145,7 +145,7 @@ def _measure(
 ) -> None:
     """The virtual turbine's records, the modes in them, and the sets that an update may trust."""
     campaign, modes = out / "campaign", out / "modes.json"
-    with steps.of("simulate") as wanted:
+    with steps.run_step("simulate") as wanted:
         if wanted:
             truth = write_text(out / "hidden.toml", hidden) if hidden else None
             simulated = verbs.simulate(
@@ -153,13 +153,13 @@ def _measure(
             )
             # what was hidden is said after the diagnosis
             say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
-    with steps.of("identify") as wanted:
+    with steps.run_step("identify") as wanted:
         if wanted:
             found = verbs.identify(campaign, out / "model.toml", store=out / "modes.json.blocks", jobs=jobs,
                                    progress=progress)
             found.write(modes)
             say(found.summary)
-    with steps.of("select") as wanted:
+    with steps.run_step("select") as wanted:
         if wanted:
             chosen = verbs.select(modes, scada=campaign / "scada.csv")
             chosen.write(out / "nine.json")
@@ -198,7 +198,7 @@ def _paper(model: Path, nine: Path, out: Path, progress: Progress = silent) -> s
 
 def stated_likelihood(model: Path, modes: Path, progress: Progress) -> LikelihoodSettings:
     """With plain numbers for what is not known of the model, the same for update and sampler."""
-    return LikelihoodSettings(weights=Case.of(model, modes, LikelihoodSettings(), progress=progress).weights)
+    return LikelihoodSettings(weights=Case.prepare(model, modes, LikelihoodSettings(), progress=progress).weights)
 
 
 def _update(
@@ -250,7 +250,7 @@ class _Steps:
         self._state, self._say = state, say
 
     @contextmanager
-    def of(self, step: str, again: bool = False) -> Iterator[bool]:
+    def run_step(self, step: str, again: bool = False) -> Iterator[bool]:
         """Whether the step is still to be done; it is finished when the block ends without an error."""
         if not again and self._state.done(step):
             self._say(f"{_head(step)}: finished before")
@@ -270,7 +270,7 @@ class _Steps:
         others = [step for step in first if not self._state.done(step)]
         if jobs < 2 or not others or self._state.done(last):
             for step, task in work.items():
-                with self.of(step) as wanted:
+                with self.run_step(step) as wanted:
                     if wanted:
                         self._say(_timed_step(*task, progress)[0])
             return

@@ -64,7 +64,7 @@ class SetupShapes:
     shape: np.ndarray
     std: np.ndarray
 
-    def of(self, channels: Sequence[str]) -> list[int]:
+    def indices(self, channels: Sequence[str]) -> list[int]:
         own = [s.channel for s in self.sensors]
         return [own.index(c) for c in channels]
 
@@ -272,7 +272,7 @@ class _Differs:
     std: float
     alternatives: tuple[str, ...]
 
-    def of(self, channel: str) -> _Differs:
+    def for_channel(self, channel: str) -> _Differs:
         if channel == self.channel:
             return self
         return replace(self, channel=channel, gain=1 / self.gain, std=self.std / self.gain**2, alternatives=(
@@ -285,7 +285,7 @@ def _setups_of_equal_gain(cases: list[_Differs]) -> list[list[_Differs]]:
     while left:
         names = [n for c in left for n in (c.channel, *c.alternatives)]
         channel = max(dict.fromkeys(names), key=names.count)
-        own = [c.of(channel) for c in left if channel in (c.channel, *c.alternatives)]
+        own = [c.for_channel(channel) for c in left if channel in (c.channel, *c.alternatives)]
         near = [c for c in own if abs(c.gain - own[0].gain) <= SIGMA * np.hypot(c.std, own[0].std)]
         left = [c for c in left if c.setup not in [n.setup for n in near]]
         groups.append(near)
@@ -322,7 +322,7 @@ def _explanations_by_others(
     shapes: Sequence[SetupShapes], setup: int, references: Sequence[str], free: Sequence[int]
 ) -> list[Explanation]:
     """What explains a setup's references beside the others' median shape of every peak, by those that are `free`."""
-    rows = [s.of(references) for s in shapes]
+    rows = [s.indices(references) for s in shapes]
     value = np.array([s.shape[:, r] for s, r in zip(shapes, rows, strict=True)])
     error = np.array([s.std[:, r] for s, r in zip(shapes, rows, strict=True)])
     size = np.linalg.norm(value, axis=2)
@@ -372,7 +372,7 @@ def _factors(each: np.ndarray, mean: np.ndarray) -> np.ndarray:
 def _parts(shapes: Sequence[SetupShapes], references: Sequence[str]):
     """(samples (n_peak, n), sensors, owner) of every part that may be rigid: references (owner -1), and rovers (owner:
     setup), all scaled to the references' mean shape."""
-    rows = [s.of(references) for s in shapes]
+    rows = [s.indices(references) for s in shapes]
     # peaks that are one mode in all setups
     clean = np.all([np.isfinite(s.shape).all(axis=1) for s in shapes], axis=0)
     if clean.sum() < 3:

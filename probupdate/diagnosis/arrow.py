@@ -28,7 +28,7 @@ class ArrowFactor:
     last: np.ndarray
 
     @classmethod
-    def of(cls, matrix: np.ndarray, groups: Sequence[np.ndarray], shared: np.ndarray, scale: np.ndarray,
+    def factorise(cls, matrix: np.ndarray, groups: Sequence[np.ndarray], shared: np.ndarray, scale: np.ndarray,
            rounding: float) -> ArrowFactor:
         """Of I + (1 + rounding on the diagonal) * scale * matrix * scale. Raises LinAlgError where it is singular."""
         def scaled(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ from probupdate.diagnosis.elementary import (
 from probupdate.diagnosis.engine.verdict import CHANCE, POWER, verdict_of
 from probupdate.diagnosis.evidence import log_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import Exploration, exchange_effect, explore, without
+from probupdate.diagnosis.hypotheses import Exploration, exchange_effect, explore, refit_without
 from probupdate.diagnosis.model_error import (
     DISCREPANCY_SCALES,
     FREQUENCY_SCALES,
@@ -379,7 +379,7 @@ def _shared_error_share(problem: DiagnosisProblem, best: Hypothesis, number: int
     """How much less the record says of one effect of a hypothesis for what theory does not know of the others."""
     if len(best.candidates) == 1:
         return 1.0
-    rest, _ = without(problem, best.fitted, number)
+    rest, _ = refit_without(problem, best.fitted, number)
     z = [value for i, value in enumerate(best.z) if i != number]
     _, known = scores_beside(problem, rest.design, rest.centred, rest.included, z)
     k = best.candidates[number]

@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_with_more, fitted_without_candidates
-from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Exploration, without
+from probupdate.diagnosis.hypotheses import LEAST_LEFT, SAME_TIME, Exploration, refit_without
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.part_places import (
     N_DIRECTION,
@@ -157,7 +157,7 @@ def elementary(
     """Every part that may be added: its row and where it acts on the small basis; at the channels of a model without a
     picture. `place`: point (3,) -> words; `heights`: masses on springs at so many heights too, at `tuned_hz` or,
     without these, at frequencies from below the lowest mode to above those looked through."""
-    K, M = small.at(small.parameters.initial).matrices()
+    K, M = small.evaluate(small.parameters.initial).matrices()
     value, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     tuned_hz = tuple(tuned_hz) or tuple(map(float, tunings(np.sqrt(value) / (2 * np.pi))))
     if small.wire is None:
@@ -356,7 +356,7 @@ def alternative_parts(
     chief = _strongest_effect(best, numbers)
     n, rest, lost = best.fitted.included[chief], best.fitted, 0.0
     for k in sorted(numbers, reverse=True):
-        rest, more = without(problem, rest, k)
+        rest, more = refit_without(problem, rest, k)
         lost += more
     own = [int(problem.which[best.candidates[k], 0]) for k in numbers]
     gain, size, alike = (x[:, 0] for x in scores_of_parts(problem, rest, parts, (n.time_profile,), own))

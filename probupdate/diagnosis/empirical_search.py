@@ -45,7 +45,7 @@ class ReferencedBlocks:
     @property
     def _numbers(self) -> tuple[np.ndarray, ...]:
         d = self.directions
-        return d.of(self.rest), d.weight, d.least
+        return d.project(self.rest), d.weight, d.least
 
     @property
     def _times(self) -> tuple[np.ndarray, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.diagnosis.expected import ModelAnswers, residuals_at, signatures_at
-from probupdate.diagnosis.fitting import Fit, about, design_without_candidates, error_scale, penalty
+from probupdate.diagnosis.fitting import Fit, centre_about, design_without_candidates, error_scale, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
@@ -56,7 +56,7 @@ def length_std(problem: DiagnosisProblem, fitted: Fit, included: IncludedEffect)
     angle = problem.bins[0][:1]
 
     def signature_at(theta) -> list[np.ndarray]:
-        local = predictor.small.at(np.clip(theta, predictor.parameters.lower, predictor.parameters.upper))
+        local = predictor.small.evaluate(np.clip(theta, predictor.parameters.lower, predictor.parameters.upper))
         return [f[0, :, 0] for f in signatures_at(predictor, local, [included.effect], names, angle)]
 
     def product(a, b) -> float:
@@ -144,7 +144,7 @@ def marginal_evidence(
     """ln p(blocks | included effects near their sizes) with all parameters to first order about theta, but for a
     constant of record and noise; `answers`: see `residuals_at`."""
     design = design_without_candidates(problem, theta, included, noise)
-    _, centred = about(problem, design, theta, included, residuals_at(problem, theta, included, answers))
+    _, centred = centre_about(problem, design, theta, included, residuals_at(problem, theta, included, answers))
     return log_size_prior(included) + error_scale_mean(design, lambda d: linear_evidence(d, centred))
 
 

@@ -35,7 +35,7 @@ class ModelAnswers:
         """Expected modes of every group."""
         key = predictor.state, theta.tobytes(), angle_deg
         if key not in self._references:
-            self._references[key] = predictor.references(predictor.small.at(theta), angle_deg)
+            self._references[key] = predictor.references(predictor.small.evaluate(theta), angle_deg)
         return self._references[key]
 
     def slopes(
@@ -44,7 +44,7 @@ class ModelAnswers:
         """`ModalPredictor.slopes` of the parameters `names` at these numbers of NODE_DEG."""
         key = predictor.state, theta.tobytes(), names, nodes.tobytes()
         if key not in self._slopes:
-            self._slopes[key] = _node_slopes(predictor, predictor.small.at(theta), names, nodes)
+            self._slopes[key] = _node_slopes(predictor, predictor.small.evaluate(theta), names, nodes)
         return self._slopes[key]
 
 
@@ -133,7 +133,7 @@ def local_at(
     """The predictor in the state of the included effects where their time profiles have these values, the model with
     them there, and what the sensors then do."""
     predictor, moved, seen = _state(problem, theta, included, values)
-    return predictor, predictor.small.at(moved), seen
+    return predictor, predictor.small.evaluate(moved), seen
 
 
 def _state(
@@ -147,7 +147,7 @@ def _state(
     seen = [(n.effect, n.size * value) for n, value in zip(included, values, strict=True)
             if n.effect.observe is not None and value]
     moved = np.clip(moved, predictor.parameters.lower, predictor.parameters.upper)
-    return predictor.through_sensors(predictor.small.at(moved), seen) if seen else predictor, moved, seen
+    return predictor.through_sensors(predictor.small.evaluate(moved), seen) if seen else predictor, moved, seen
 
 
 def parameters_with(

@@ -65,7 +65,7 @@ def extend(
     parameters came from, if from another file) and `seed` are for the commands that are given."""
     problem, fitted = outcome.problem, outcome.fitted
     sizes = sizes_std(problem, fitted)
-    added = _AddedParameters.of(prepared, fitted, sizes)
+    added = _AddedParameters.from_fit(prepared, fitted, sizes)
     mean, n_block = mean_set(problem, fitted)
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels,
                          gravity=gravity_found(prepared, problem.blocks.channels, fitted.included))
@@ -135,7 +135,7 @@ class _AddedParameters:
     moved: tuple[IncludedEffect, ...] = ()
 
     @classmethod
-    def of(cls, prepared: Prepared, fitted: Fit, sizes: Sequence[float]) -> _AddedParameters:
+    def from_fit(cls, prepared: Prepared, fitted: Fit, sizes: Sequence[float]) -> _AddedParameters:
         """`sizes`: standard deviation of each included effect's size."""
         if prepared.description is not None:
             return cls(effects=tuple(describe_parameter(n.effect.adds, n, std)

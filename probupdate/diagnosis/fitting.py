@@ -439,7 +439,7 @@ def first_steps(
     misfit = np.inf
     for _ in range(count):
         design = design_without_candidates(problem, theta, included, noise)
-        residuals, centred = about(problem, design, theta, included, here)
+        residuals, centred = centre_about(problem, design, theta, included, here)
         newton = _newton(problem, design, theta, included, centred)
         misfit = design.misfit(residuals, design.held(len(problem.updated))) + penalty(problem, theta, included,
                                                                                        included)
@@ -576,12 +576,12 @@ def _unsettled_fit(
 ) -> Fit:
     """The fit where it stopped without having settled."""
     design = design_without_candidates(problem, theta, included, noise)
-    residuals, centred = about(problem, design, theta, included, here)
+    residuals, centred = centre_about(problem, design, theta, included, here)
     return Fit(theta=theta, included=included, residuals=residuals, design=design, steps=number, last_step=np.inf,
                short=np.zeros(len(included)), centred=centred)
 
 
-def about(
+def centre_about(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """Residuals from theta and the included effects as far as they count, and less what the prior's centre makes."""
@@ -596,7 +596,7 @@ def linearise(
     """The design at theta and the included effects, with residuals from there as far as they count and less what the
     prior's centre makes."""
     design = design_at(problem, theta, included, noise)
-    return design, *about(problem, design, theta, included, residuals)
+    return design, *centre_about(problem, design, theta, included, residuals)
 
 
 def noise_of(problem: DiagnosisProblem, residuals: Sequence[np.ndarray]) -> Noise:

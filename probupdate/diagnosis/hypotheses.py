@@ -77,7 +77,7 @@ class Move:
     theta: np.ndarray | None = None
 
 
-def without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, float]:
+def refit_without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, float]:
     """The fit with the effect of that number taken out where it is, and the ln evidence relative to it with all
     parameters to first order about there."""
     included = tuple(n for i, n in enumerate(fitted.included) if i != number)
@@ -103,7 +103,7 @@ def moves_from(problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: 
     least, result = best - MARGIN - here.log_posterior, []
     for out in (*([None] if add else []), *range(len(here.candidates))):
         # one state at a time, as their designs are as large as all else together
-        base, lost = (here.fitted, 0.0) if out is None else without(problem, here.fitted, out)
+        base, lost = (here.fitted, 0.0) if out is None else refit_without(problem, here.fitted, out)
         others = tuple(k for i, k in enumerate(here.candidates) if i != out)
         scores = tuple(z for i, z in enumerate(here.z) if i != out)
         # a stiffness that is nearly lost explains many times what its score promised where it was proposed

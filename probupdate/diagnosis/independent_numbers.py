@@ -45,7 +45,7 @@ class Directions:
     covariance: np.ndarray
     used: np.ndarray
 
-    def of(self, rest: Sequence[np.ndarray]) -> np.ndarray:
+    def project(self, rest: Sequence[np.ndarray]) -> np.ndarray:
         """(n_block, n_number) of residuals per group (n_block, n_response)."""
         responses = np.hstack(rest)
         responses[:, self.joint] = fill_missing(responses[:, self.joint], self.used[self.group_of[self.joint]].T,

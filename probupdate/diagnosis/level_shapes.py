@@ -164,7 +164,7 @@ class LevelReference:
         raw = float(np.sum((signature / self.once.std) ** 2))
         return float(u), float(v), float(np.sqrt(max(v, 0.0) / raw)) if raw else 0.0
 
-    def without(self, effect: Effect, size: float) -> LevelReference:
+    def remove_effect(self, effect: Effect, size: float) -> LevelReference:
         """The shapes as they were without an effect of that size; a shape has no scale of its own."""
         shapes, scatter = [], []
         for M, s, own in zip(self.seen(effect, size), self.shape, self.scatter, strict=True):
@@ -304,7 +304,8 @@ def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[H
     before = once.misfits(once.numbers[:, None])[0]
     for e in free:
         if e.discrete:
-            promised[e] = 0.5 * (before - once.misfits(_numbers(levels.without(e, e.discrete[0]).shape)[:, None])[0])
+            rest = levels.remove_effect(e, e.discrete[0])
+            promised[e] = 0.5 * (before - once.misfits(_numbers(rest.shape)[:, None])[0])
         else:
             score, v, left = levels.score_effect(e)
             promised[e] = 0.5 * score**2 / v if left > LEAST_LEFT else -np.inf
@@ -320,7 +321,7 @@ def _correct_effect(begun: PutRight, effect: Effect, log_prior: float) -> PutRig
     """None where the size ends at a bound, or nothing of its signature is left: what was measured asks for something
     else."""
     def left(size: float) -> tuple[float, float]:
-        score, v, shown = begun.levels.without(effect, size).score_effect(effect)
+        score, v, shown = begun.levels.remove_effect(effect, size).score_effect(effect)
         return (score / v, v**-0.5) if shown > LEAST_LEFT else (0.0, np.inf)
 
     size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left)
@@ -334,7 +335,7 @@ def _add_effect(
 ) -> PutRight | None:
     """One effect more, stated with a size; `done`: what it did to the shapes, at its own size."""
     own = done.discrete[0] if done.discrete else size
-    levels = begun.levels.without(done, own)
+    levels = begun.levels.remove_effect(done, own)
     if levels.backward:
         return None
     return PutRight(effects=(*begun.effects, effect), size=(*begun.size, size), size_std=(*begun.size_std, std),
@@ -374,7 +375,7 @@ def _fit_channel_response(begun: PutRight, place: str, rows: tuple[int, ...], lo
     for _ in range(MOST_STEPS):
         done = _response(place, MeasuredResponse(rows=rows, at_hz=begun.levels.frequency_hz, phase=tuple(value[:n]),
                                                  gain=tuple(value[n:])))
-        there = begun.levels.without(done, 1.0)
+        there = begun.levels.remove_effect(done, 1.0)
         u, information = there.once.scores(there.lead_response(rows))
         precision = information + np.diag(2 / (RESPONSE_SCALE**2 + value**2))
         std = np.sqrt(np.diag(np.linalg.inv(precision)))

@@ -228,8 +228,9 @@ class Design:
         try:
             # where two modes nearly meet, what distinguishes them has no bound: sums are then rounded by more than a
             # prior's one
-            return ArrowFactor.of(self.unknowns_information, groups, np.setdiff1d(np.arange(self.n_common), held),
-                                  self.prior_std, self.n_unknown * np.finfo(float).eps)
+            return ArrowFactor.factorise(
+                self.unknowns_information, groups, np.setdiff1d(np.arange(self.n_common), held), self.prior_std,
+                self.n_unknown * np.finfo(float).eps)
         except np.linalg.LinAlgError:
             raise ConvergenceError(
                 "the information matrix of the unknowns is singular: the fit moved to where modes cannot be "
@@ -468,7 +469,7 @@ class Design:
     def _drawn(self) -> dict[tuple[int, int], np.ndarray]:
         return {}
 
-    def drawn(self, seed: int, n: int) -> np.ndarray:
+    def keep_draws(self, seed: int, n: int) -> np.ndarray:
         """`draw` by this seed, the last one kept."""
         if (seed, n) not in self._drawn:
             self._drawn.clear()

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.evidence import error_scale_mean, linear_evidence, log_size_prior
 from probupdate.diagnosis.fitting import Fit
-from probupdate.diagnosis.hypotheses import without
+from probupdate.diagnosis.hypotheses import refit_without
 from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.ranking import Hypothesis, log_prior
 from probupdate.diagnosis.results import Alternative
@@ -87,7 +87,7 @@ def _fit_without(problem: DiagnosisProblem, best: Hypothesis, numbers: Sequence[
     """The fit without these effects, and ln of how many times as probable that was before the data."""
     rest = best.fitted
     for k in sorted(numbers, reverse=True):
-        rest, _ = without(problem, rest, k)
+        rest, _ = refit_without(problem, rest, k)
     return rest, -log_prior(problem, [best.candidates[k] for k in numbers])
 
 

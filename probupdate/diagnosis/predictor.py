@@ -371,7 +371,7 @@ def build_predictor(
     for channels it does not have."""
     lacked = frozenset(q for q in range(len(blocks.groups)) if blocks.group_name(q) in unmatched)
     start = replace(_without_axes(small, blocks, blocks.groups), lacked=lacked)
-    local = small.at(theta)
+    local = small.evaluate(theta)
     shape, groups = start.group_members(local, local.solve())
     axes = tuple(_align_alike_pairs(blocks, group, _align_in_plane(plane, shape[:, list(members)]))
                  for group, plane, members in zip(blocks.groups, start.planes, groups, strict=True))
@@ -386,8 +386,8 @@ def expected_frequencies(
     where they were measured. Raises as `build_predictor`."""
     of_model = [j for j, name in enumerate(blocks.labels) if name not in unmatched]
     start = _without_axes(small, blocks, [(j,) for j in of_model])
-    modes = small.at(theta).solve()
-    shape, members = start._pair_modes(small.at(theta), modes)
+    modes = small.evaluate(theta).solve()
+    shape, members = start._pair_modes(small.evaluate(theta), modes)
     found, seen = {name: float(np.nanmedian(hz)) for name, hz in zip(blocks.labels, blocks.frequency_hz.T, strict=True)
                    if name in unmatched}, _is_seen(shape)
     for name, plane, (i,) in zip((blocks.labels[j] for j in of_model), start.planes, members, strict=True):
@@ -410,7 +410,7 @@ def unit_scores(
     """(n_factor,) how well the model's modes pair with those measured, 2 at most, of frequencies alone 1, if these are
     given in a unit of which a hertz is so many."""
     start = _without_axes(small, blocks, [(j,) for j, name in enumerate(blocks.labels) if name not in unmatched])
-    local = small.at(theta)
+    local = small.evaluate(theta)
     shape, log = start._search_modes(local, local.solve())
     found = []
     for factor in factors:

@@ -298,7 +298,7 @@ def _refuse_another_order(
     """Raises InputError where the shapes of a set are the model's with the channels in another order, which no search
     for a change of the structure or of one sensor finds its way out of."""
     most = max(data.sets, key=lambda s: int(np.sum(s.measured))).of_channels([data.channels.index(c) for c in channels])
-    local = small.at(theta)
+    local = small.evaluate(theta)
     modes = local.solve(0.0, local.n_search)
     rows = [small.channels.index(channel) for channel in channels]
     found = channel_mistake(most, channels, [local.shapes(modes, local.n_search)[rows]])

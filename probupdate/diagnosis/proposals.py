@@ -160,7 +160,7 @@ def _pairs_exchanged(
     if problem.blocks.channels:
         return None
     predictor = problem.predictor
-    log = np.array([float(r.tensor[0, 0]) for r in predictor.references(predictor.small.at(theta), 0.0)])
+    log = np.array([float(r.tensor[0, 0]) for r in predictor.references(predictor.small.evaluate(theta), 0.0)])
     result, at = list(centred), 0
     while at < len(log) - 1:
         if log[at + 1] - log[at] < MATE and len(result[at]) == len(result[at + 1]):

@@ -109,7 +109,7 @@ def search(
 def drawn_scores(design: Design, seed: int) -> np.ndarray:
     """u (N_BOOTSTRAP, n_candidate) of the records with nothing wrong that a search of this seed, and what it leaves, is
     judged by; kept with the design, as both ask for them."""
-    return design.drawn(seed, N_BOOTSTRAP)
+    return design.keep_draws(seed, N_BOOTSTRAP)
 
 
 def _largest(drawn: np.ndarray, scale: np.ndarray, can) -> np.ndarray:

@@ -311,7 +311,7 @@ def _project(first: AffineModel, basis: np.ndarray, n_mode: int) -> SmallModel:
             if any(_differ(at_all[0], other) for other in at_all[1:2]):
                 for wave, part in zip(waves, _term_harmonics(at_all, turn), strict=True):
                     wave[number] = part
-        return tuple(ProjectedTerms.of(wave, basis) for wave in waves)
+        return tuple(ProjectedTerms.project(wave, basis) for wave in waves)
 
     stiffness, mass = (by_harmonics(*terms) for terms in zip((first.stiffness, first.mass), *first.turned, strict=True))
     about = Expansion.of_both(first.parameters, first.coefficients, (stiffness[0], mass[0]))

@@ -166,7 +166,7 @@ class SmallModel:
         """Whether the nacelle's angle changes anything."""
         return any(len(part.moved) for part in (*self.stiffness[1:], *self.mass[1:]))
 
-    def at(self, theta: np.ndarray) -> LocalModel:
+    def evaluate(self, theta: np.ndarray) -> LocalModel:
         """The model at theta (n_param,); the last few are kept."""
         theta = np.array(theta, float)
         key = theta.tobytes()
@@ -256,7 +256,7 @@ class LocalModel:
         """Stiffness and mass (n, n) of the mean over all angles; not kept, as solutions need what few modes make of
         them alone."""
         small = self.small
-        stiffness, mass = (about.at(self.theta, parts[0], weight) for about, weight, parts in
+        stiffness, mass = (about.evaluate(self.theta, parts[0], weight) for about, weight, parts in
                            zip(small.about, self._coefficients, (small.stiffness, small.mass), strict=True))
         if self._hung:
             more = self.size - len(stiffness)
@@ -288,8 +288,8 @@ class LocalModel:
         residual = (self.at_channels @ above / value[N_CORE:]) @ above.T
         on_basis = core[: self.small.at_channels.shape[1]]
         mean = np.diag(value[:N_CORE]), np.eye(core.shape[1])
-        stiffness, mass = (np.array([still, *(part.between(weight[: len(part)], on_basis) for part in parts[1:])])
-                           for still, weight, parts in
+        stiffness, mass = (np.array([still, *(part.project_between(weight[: len(part)], on_basis)
+                                              for part in parts[1:])]) for still, weight, parts in
                            zip(mean, self._coefficients, (self.small.stiffness, self.small.mass), strict=True))
         return core, stiffness, mass, residual
 
@@ -325,7 +325,7 @@ class LocalModel:
         bare = self.small.bare
         if bare is None or self.theta[len(bare.parameters) :].any():
             return None
-        return bare.at(self.theta[: len(bare.parameters)])
+        return bare.evaluate(self.theta[: len(bare.parameters)])
 
     @cached_property
     def at_rest(self) -> SmallModes:
@@ -340,7 +340,7 @@ class LocalModel:
     @cached_property
     def held(self) -> np.ndarray | None:
         """(n_channel,) what of gravity the readings hold here."""
-        return None if self.small.gravity is None else self.small.gravity.at(self.theta)
+        return None if self.small.gravity is None else self.small.gravity.evaluate(self.theta)
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
         """Derivatives with the parameters `columns`."""

@@ -156,7 +156,7 @@ class TurbineUncertainty:
     description: Description = field(repr=False)
 
     @classmethod
-    def of(cls, path: Path, model: Model, sensors, nacelle_angle_deg: float | None) -> TurbineUncertainty:
+    def from_description(cls, path: Path, model: Model, sensors, nacelle_angle_deg: float | None) -> TurbineUncertainty:
         """Of a model that was loaded from `path`."""
         description = read_description(path)
         placed = sensors if sensors is not None else described_sensors(description)

@@ -116,7 +116,7 @@ def _infer_farm(farm: Farm, turbines: Mapping[str, Sequence[Month]], out: Path, 
     likelihood = LikelihoodSettings(**asdict(farm.options.update))
     first = next(iter(turbines.values()))[0]
     # what the model misses is of the design: learnt once, from the first turbine's sets
-    weights = Case.of(first.model, chosen_sets(out / first.folder), likelihood, progress=progress).weights
+    weights = Case.prepare(first.model, chosen_sets(out / first.folder), likelihood, progress=progress).weights
     tasks = [(k, month, out, likelihood, weights) for k, month in enumerate(m for ms in turbines.values() for m in ms)]
     sets: dict[int, tuple[TurbineSets, list[str]]] = {}
     for done, (k, one, notes) in enumerate(jobs.as_completed(month_sets, tasks, least=1), 1):

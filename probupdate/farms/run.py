@@ -77,7 +77,7 @@ def farm(
     read = read_farm(description)
     if read.joint is not None:
         refuse_other_parameters(read)
-    share = Shard.of(shard) if isinstance(shard, str) else shard
+    share = Shard.parse(shard) if isinstance(shard, str) else shard
     claim_folder(out, read)
     known = {month: _stored_state(out / month.folder) for month in read.months}
     mine = list(read.months) if share is None else share.chunk(read.months)

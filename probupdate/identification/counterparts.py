@@ -44,7 +44,7 @@ class ModelComparison:
     ratio: np.ndarray
     ratio_std: np.ndarray
 
-    def at(self, rows: Sequence[int]) -> ModelComparison:
+    def select(self, rows: Sequence[int]) -> ModelComparison:
         """Those modes' rows; what -1 stands for is nobody's."""
         rows = list(rows)
         return ModelComparison(plane=self.plane[rows], plane_std=self.plane_std[rows], own=self.own[rows],
@@ -137,10 +137,10 @@ class MatchedModes:
     partner: dict[int, int]
     probability: np.ndarray
 
-    def at(self, columns: Sequence[int]) -> MatchedModes:
+    def select(self, columns: Sequence[int]) -> MatchedModes:
         """Of those modes, in that order; what -1 stands for is none of the model's."""
         columns = list(columns)
-        return MatchedModes(model=self.model, like=self.like.at(columns),
+        return MatchedModes(model=self.model, like=self.like.select(columns),
                             partner={k: self.partner[j] for k, j in enumerate(columns) if j in self.partner},
                             probability=self.probability[columns] * (np.array(columns) >= 0)[:, None])
 

@@ -65,7 +65,7 @@ def name_modes(
     in_pair = {i for pair in physical.modes.pairs for i in pair}
     pair_columns = {k for k, j in enumerate(columns) if j in in_pair}
     records, lacking, said = records_of(
-        own, labels, None if matched is None else matched.at(columns), in_pair=pair_columns, settings=settings,
+        own, labels, None if matched is None else matched.select(columns), in_pair=pair_columns, settings=settings,
         highest_hz=highest_hz, wanted=wanted)
     name = dict(zip(columns, labels, strict=True))
     name |= {b: name[a] for a, b, _ in two if a in name}

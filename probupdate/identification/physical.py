@@ -85,7 +85,7 @@ class Candidates:
     shape: np.ndarray
     share: np.ndarray
 
-    def at(self, rows: np.ndarray) -> Candidates:
+    def select(self, rows: np.ndarray) -> Candidates:
         return Candidates(block=self.block[rows], ln_frequency=self.ln_frequency[rows], damping=self.damping[rows],
                           shape=self.shape[:, rows], share=self.share[rows])
 
@@ -244,7 +244,7 @@ def _clusters(c: Candidates, core: float) -> list[np.ndarray]:
 def _split_cluster(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
     """A cluster as it is, or in two where its blocks have two poles at once of one direction, which few channels do not
     distinguish: two modes that poles between them, of orders too low for both, have joined."""
-    inside = c.at(rows)
+    inside = c.select(rows)
     share = _directions(inside.shape, inside.share)[1]
     if len(inside.shape) > 2 and share[1] >= PLANE_SHARE:
         return [rows]
@@ -303,7 +303,7 @@ def physical_modes(
     bands = list(bands) if bands is not None else [np.zeros((0, 2))] * n_block
     if len(candidates.block) == 0:
         raise _no_modes_error(where, n_block)
-    persistence = _Persistence.of(settings, state, n_block, block_seconds)
+    persistence = _Persistence.from_settings(settings, state, n_block, block_seconds)
     swept, always = _rotor_swept(candidates, bands)
     found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
     lines: list[_Cluster] = []
@@ -346,7 +346,9 @@ class _Persistence:
     block_seconds: float
 
     @classmethod
-    def of(cls, settings: PersistenceSettings, state: list[str], n_block: int, block_seconds: float) -> _Persistence:
+    def from_settings(
+        cls, settings: PersistenceSettings, state: list[str], n_block: int, block_seconds: float
+    ) -> _Persistence:
         count = {name: state.count(name) for name in set(state) - {"mixed", "unknown", ""}}
         count = {name: n for name, n in count.items() if n >= settings.least_blocks}
         core = CORE * min(settings.needed_blocks(n) for n in [n_block, *count.values()])
@@ -356,9 +358,9 @@ class _Persistence:
         """Of these candidates the clusters that come back often enough, over all blocks or over those of one state, and
         stay where they are."""
         found = []
-        clusters = _clusters(candidates.at(rows), self.core)
-        for mine in [part for one in clusters for part in _split_cluster(candidates.at(rows), one)]:
-            inside = candidates.at(rows[mine])
+        clusters = _clusters(candidates.select(rows), self.core)
+        for mine in [part for one in clusters for part in _split_cluster(candidates.select(rows), one)]:
+            inside = candidates.select(rows[mine])
             weight = _block_weight(inside, self.n_block)
             if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
                     and _is_steady(inside, self.block_seconds)):

@@ -44,7 +44,7 @@ class SetupModes:
     frequency_hz: np.ndarray
     shape: np.ndarray
 
-    def at(self, channels: Sequence[str]) -> np.ndarray:
+    def at_channels(self, channels: Sequence[str]) -> np.ndarray:
         """(len(channels), n_mode) the shapes at some channels."""
         mine = [s.channel for s in self.sensors]
         return np.real(self.shape[[mine.index(c) for c in channels]])
@@ -61,9 +61,9 @@ def compare_references(setups: Sequence[SetupModes], references: Sequence[str]) 
         shared = _shared_references(first, second, references)
         if len(shared) < 2 or len(pairs := _pairs(first, second, shared)) < 2:
             continue
-        one, two = first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]
+        one, two = first.at_channels(shared)[:, pairs[:, 0]], second.at_channels(shared)[:, pairs[:, 1]]
         against = [k for k, c in enumerate(shared) if _sense(first, c) * _sense(second, c) < 0]
-        mended = _Change(order=tuple(range(len(shared))), reversed_=tuple(against)).of(two)
+        mended = _Change(order=tuple(range(len(shared))), reversed_=tuple(against)).apply(two)
         # of modes that move along one direction each a reversal changes little, and that as a whole
         if _disagree(one, two) or _mac_deficit(one, mended).mean() < REMAINING * _mac_deficit(one, two).mean():
             notes.append(_refuse_explained(first, second, shared, one, two))
@@ -88,7 +88,7 @@ def frequency_shifts(setups: Sequence[SetupModes], references: Sequence[str]) ->
         for first in (s for s in setups if s.name in shift):
             shared = _shared_references(first, second, references)
             if len(shared) > 1 and len(pairs := _pairs(first, second, shared)) > 1 and not _disagree(
-                    first.at(shared)[:, pairs[:, 0]], second.at(shared)[:, pairs[:, 1]]):
+                    first.at_channels(shared)[:, pairs[:, 0]], second.at_channels(shared)[:, pairs[:, 1]]):
                 shift[second.name] = shift[first.name] + _ln_shift(first, second, pairs)
                 break
         shift.setdefault(second.name, 0.0)
@@ -131,7 +131,7 @@ def _pairs(first: SetupModes, second: SetupModes, shared: Sequence[str]) -> np.n
     """(n, 2) modes that are one, beside a shift of ln f that all have: the one at which most are near one of alike
     shape at the `shared` references, as a shift may be as large as a pair's modes are apart."""
     away = np.log(second.frequency_hz / first.frequency_hz[:, None])
-    alike = 0.5 + 0.5 * np.nan_to_num(mac(first.at(shared), second.at(shared)))
+    alike = 0.5 + 0.5 * np.nan_to_num(mac(first.at_channels(shared), second.at_channels(shared)))
 
     def similarity(shift: float) -> np.ndarray:
         return alike * np.exp(-0.5 * ((away - shift) / SHIFT) ** 2)
@@ -156,7 +156,7 @@ class _Change:
     order: tuple[int, ...]
     reversed_: tuple[int, ...] = ()
 
-    def of(self, shape: np.ndarray) -> np.ndarray:
+    def apply(self, shape: np.ndarray) -> np.ndarray:
         mended = shape[list(self.order)]
         mended[list(self.reversed_)] *= -1
         return mended
@@ -235,7 +235,7 @@ def _refuse_explained(
     """What is said where no change explains it."""
     before = _mac_deficit(one, two).mean()
     n = len(references)
-    found = [(_mac_deficit(one, change.of(two)).mean(), change) for change in _changes(one, two)]
+    found = [(_mac_deficit(one, change.apply(two)).mean(), change) for change in _changes(one, two)]
     # one exchange or reversal more is believed where it leaves so much less
     left, change = min(found, key=lambda x: max(x[0], ROUNDING) / BETTER ** (2 * x[1].size))
     scaled, gain, row = min(((_mac_deficit(one, _times(two, c, g)).mean(), g, c) for c in range(n) for g in GAINS),

@@ -232,7 +232,7 @@ def _name_modes(
     columns += [j for j in range(len(found.modes.labels)) if j not in columns]
     labels = (*known, *(str(len(wanted) + k + 1) for k in range(len(columns) - len(known))))
     named = [replace(s, data=replace(s.data.of_modes(columns), labels=labels)) for s in setups]
-    return named, matched.at(columns)
+    return named, matched.select(columns)
 
 
 def _with_records(
@@ -240,7 +240,7 @@ def _with_records(
     settings: SSISettings,
 ) -> MergedModes:
     """The merged set with the record of each mode that it kept."""
-    kept = matched.at([labels.index(label) for label in merged.data.labels])
+    kept = matched.select([labels.index(label) for label in merged.data.labels])
     records, lacking, said = records_of(
         merged.data.sets, merged.data.labels, kept, in_pair=(), settings=settings.classifier,
         highest_hz=PASS_SHARE * settings.target_rate_hz / 2, wanted=wanted)

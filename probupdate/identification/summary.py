@@ -96,8 +96,8 @@ def of_likelihood(names: Sequence[str], taken: np.ndarray, found: np.ndarray) ->
     if taken.sum() < found.sum():
         said += ", those of SSI-cov for the others"
     if seldom:
-        said += (f", among them most of {', '.join(seldom)}, whose spectra hold more than these modes under a smooth force "
-                 "(lines, tails of other modes), or too little")
+        said += (f", among them most of {', '.join(seldom)}, whose spectra hold more than these modes under a smooth "
+                 "force (lines, tails of other modes), or too little")
     return [said]
 
 

@@ -243,7 +243,7 @@ def _write_export(
                 [[k + 1, *row] for k, row in enumerate(draws.tolist())])
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
-    drawn = DrawnModels.of(path, run.parameters_file, model, draws, run.fitting_problem(left_out), rng)
+    drawn = DrawnModels.from_posterior(path, run.parameters_file, model, draws, run.fitting_problem(left_out), rng)
     _write_tolerances(files, drawn, run.problem)
     solved = write_models(files, drawn, left_out, progress)
     names = partial(mode_labels, families=_families(run.modes))

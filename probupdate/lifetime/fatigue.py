@@ -257,7 +257,7 @@ class SpotDamage:
     per_year: np.ndarray
 
     @classmethod
-    def of(cls, stress: Stress) -> SpotDamage:
+    def from_stress(cls, stress: Stress) -> SpotDamage:
         return cls(equivalent_mpa=frozen_array([stress.equivalent_mpa(m) for m in SLOPES]),
                    per_year=frozen_array(stress.damage_per_year()))
 
@@ -270,6 +270,6 @@ def damage_at_many(
     found = []
     for k, (theta, damping) in enumerate(zip(thetas, dampings, strict=True)):
         progress("stress transfer", k, len(thetas))
-        found.append(SpotDamage.of(model.solve(theta, damping)))
+        found.append(SpotDamage.from_stress(model.solve(theta, damping)))
     progress("stress transfer", len(thetas), len(thetas))
     return found

@@ -117,9 +117,9 @@ def assess(
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
     design = model.solve(parameters.initial)
-    planned, updated = SpotDamage.of(design), damage_at_many(model, draws, dampings, progress)
+    planned, updated = SpotDamage.from_stress(design), damage_at_many(model, draws, dampings, progress)
     worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
-    curve = DamageCurve.of(_select_spots(model, design, worst))
+    curve = DamageCurve.from_stress(_select_spots(model, design, worst))
     few = model.select(worst)
     left_out: list[str] = []
     factor = {

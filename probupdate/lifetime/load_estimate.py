@@ -190,7 +190,7 @@ def driven(
     structure = model.model
     rows = structure.channel_rows(theta) @ V
     n = len(structure.channels)
-    held = np.zeros(n) if structure.gravity is None else structure.gravity.at(np.asarray(theta, float))
+    held = np.zeros(n) if structure.gravity is None else structure.gravity.evaluate(np.asarray(theta, float))
     tilt = held[:, None] * rows[n:] if structure.tilt_matrix is not None else np.zeros_like(rows[:n])
     # a displacement transducer feels no gravity
     tilt = np.where((order < 2)[:, None], tilt, 0.0)

@@ -57,7 +57,7 @@ class DrawnModels:
     differences: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def of(
+    def from_posterior(
         cls, path: Path, parameters_file: Path | None, model: Model, draws: np.ndarray, problem: Problem | None,
         rng: np.random.Generator,
     ) -> DrawnModels:
@@ -115,7 +115,7 @@ class DrawnModels:
         description = extended_description(self.path, self.effects)
         values = description.values | dict(self.model.parameters.held) | {
             p.name: p.initial for p in self.model.parameters}
-        found = Softening.of(
+        found = Softening.assemble(
             self.frame, transformation(self.frame)[: 6 * len(self.frame.node_m)], np.ones(len(self.frame.node_m), bool),
             updated=tuple(self.model.parameters.names), values=values, theory=description.mesh.theory,
             gravity_mps2=description.gravity_mps2 if description.mesh.geometric_stiffness else None)

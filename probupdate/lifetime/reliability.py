@@ -71,7 +71,7 @@ class DamageCurve:
     log_damage: np.ndarray
 
     @classmethod
-    def of(cls, stress: Stress) -> DamageCurve:
+    def from_stress(cls, stress: Stress) -> DamageCurve:
         at = np.arange(-RANGE, RANGE + STEP / 2, STEP)
         with np.errstate(divide="ignore"):
             table = np.array([np.log(stress.damage_per_year(np.exp(b))) for b in at])

@@ -66,7 +66,7 @@ class ResponseError:
     theta: np.ndarray
 
     @classmethod
-    def of(cls, sources: Sequence[ErrorSource], slope: np.ndarray, theta: np.ndarray) -> ResponseError:
+    def from_slopes(cls, sources: Sequence[ErrorSource], slope: np.ndarray, theta: np.ndarray) -> ResponseError:
         """From the responses' derivatives (n_response, n_source) with respect to the sources."""
         std, mean = np.array([s.std for s in sources]), np.array([s.mean for s in sources])
         return cls(sources=tuple(sources), factor=frozen_array(slope * std), mean=frozen_array(slope @ mean),

@@ -187,7 +187,8 @@ def _step_findings(run: Run) -> list[Finding]:
         return []
     action = ("Run `probupdate diagnose` with this model and these sets: it looks for what changed, and has the "
               "parameters before and after." if run.diagnosis is None else ONE_STATE)
-    return [Finding(level="warning", short="frequencies step between the sets, so that their mean describes neither state",
+    return [Finding(level="warning",
+                    short="frequencies step between the sets, so that their mean describes neither state",
                     text=full_sentence(words), action=action)]
 
 

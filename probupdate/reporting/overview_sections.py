@@ -180,7 +180,8 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
     caption = "Parameters to use, with their intervals"
     if found and found[0].level == "warning":
-        caption = "Parameters of two states together, valid for neither" if step_words(run) else "Parameters, provisional"
+        caption = ("Parameters of two states together, valid for neither" if step_words(run)
+                   else "Parameters, provisional")
     return [Table(caption=caption,
                   columns=tuple(columns), rows=tuple(rows), note=note, width="half")]
 
@@ -498,9 +499,9 @@ def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Pictur
     printed = [_worst_error(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
     if printed and printed[0] < _worst_error(update.measured_hz, after.frequency_hz):
         caption += (f" The update by Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the "
-                    f"recommended {after.name}: it penalises only the step from the previous iterate, so that the prior "
-                    "loses weight with every iteration and errors of measurement and model are fitted as well. A closer "
-                    "fit is not a better estimate; it is not recommended.")
+                    f"recommended {after.name}: it penalises only the step from the previous iterate, so that the "
+                    "prior loses weight with every iteration and errors of measurement and model are fitted as well. A "
+                    "closer fit is not a better estimate; it is not recommended.")
     return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
                    f"initial within {percent(_worst_error(update.measured_hz, update.initial_hz))} %, {after.name} "

@@ -60,7 +60,7 @@ class Shard:
             raise InputError("shard", f"{self} is no share I/N", "write 1/8 for the first of eight, 8/8 for the last")
 
     @classmethod
-    def of(cls, text: str) -> Shard:
+    def parse(cls, text: str) -> Shard:
         """Of '3/8'. Raises InputError for other texts."""
         found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
         if not found:

@@ -108,7 +108,7 @@ class AffineModel:
 
     @cached_property
     def _sums(self) -> tuple[WeightedSum, WeightedSum]:
-        return WeightedSum.of(self.stiffness), WeightedSum.of(self.mass)
+        return WeightedSum.from_matrices(self.stiffness), WeightedSum.from_matrices(self.mass)
 
     @property
     def of_channels(self) -> tuple[int, ...]:
@@ -134,7 +134,7 @@ class AffineModel:
         return channel_readings(self.channel_rows(theta) @ phi, value, self._last_solution(theta))
 
     def _last_solution(self, theta: np.ndarray) -> np.ndarray | None:
-        return None if self.gravity is None else self.gravity.at(theta)
+        return None if self.gravity is None else self.gravity.evaluate(theta)
 
     def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d c_K (n_stiffness, n_param) and d c_M (n_mass, n_param) at theta, by complex steps."""
@@ -278,7 +278,7 @@ class WeightedSum:
     indptr: np.ndarray
 
     @classmethod
-    def of(cls, matrices) -> WeightedSum:
+    def from_matrices(cls, matrices) -> WeightedSum:
         n = matrices[0].shape[0]
         parts = [sparse.coo_array(matrix) for matrix in matrices]
         place = np.concatenate([part.col.astype(np.int64) * n + part.row for part in parts])

@@ -514,7 +514,7 @@ class AxialForces:
     transform: sparse.csr_array
 
     @classmethod
-    def of(
+    def assemble(
         cls, frame: Frame, loads: Sequence[Prestress], *, updated: tuple[str, ...], values: Mapping[str, float],
         theory: str,
     ) -> AxialForces:
@@ -533,7 +533,7 @@ class AxialForces:
         fixed = {name: value for name, value in values.items() if name not in updated}
         return cls(
             frame=frame, loads=tuple(loads), coefficients=build_coefficients(stiffness, mass, updated, fixed),
-            stiffness=WeightedSum.of(_sum_terms(stiffness, transform)), weight=transform.T @ weight,
+            stiffness=WeightedSum.from_matrices(_sum_terms(stiffness, transform)), weight=transform.T @ weight,
             applied=transform.T @ applied, transform=transform)
 
     def __call__(self, values: Mapping[str, float]) -> np.ndarray:
@@ -554,7 +554,7 @@ class Softening:
     geometric: WeightedSum
 
     @classmethod
-    def of(
+    def assemble(
         cls, frame: Frame, transform: sparse.csr_array, kept: np.ndarray, *, updated: tuple[str, ...],
         values: Mapping[str, float], theory: str, gravity_mps2: float | None,
     ) -> Softening | None:
@@ -567,8 +567,8 @@ class Softening:
         terms = [[(dofs, matrix)] for k, (dofs, matrix, _) in enumerate(tension) if k in inside]
         matrices = [matrix for first in range(0, len(terms), TERMS_AT_ONCE)
                     for matrix in _transform_terms(terms[first : first + TERMS_AT_ONCE], transform)]
-        return cls(forces=AxialForces.of(frame, loads, updated=updated, values=values, theory=theory),
-                   beams=np.array(list(inside)), geometric=WeightedSum.of(matrices))
+        return cls(forces=AxialForces.assemble(frame, loads, updated=updated, values=values, theory=theory),
+                   beams=np.array(list(inside)), geometric=WeightedSum.from_matrices(matrices))
 
     def __call__(self, values: Mapping[str, float]) -> sparse.csc_array:
         return self.matrix(self.forces(values), values)

@@ -74,7 +74,7 @@ class Line:
     def ends(self) -> tuple[float, float]:
         return self.pieces[0][0], self.pieces[-1][1]
 
-    def at(self, frame: Frame, along_m: float) -> Attachment:
+    def attach(self, frame: Frame, along_m: float) -> Attachment:
         """Where a sensor sits that is so much farther up, its arm as it is."""
         low, high, beam = next(p for p in self.pieces if along_m <= p[1] or p is self.pieces[-1])
         share = (along_m - low) / (high - low)
@@ -139,7 +139,7 @@ def channel_rows(
                              f"name some of {', '.join(numbers) or 'the sensors, of which there are none'}")
         if move.column is None:
             for k, line in lines.items():
-                found[k] = line.at(frame, move.fixed_m)
+                found[k] = line.attach(frame, move.fixed_m)
         else:
             moved.append(_moving_channels(frame, sensors, lines, move))
     return _rows(frame, sensors, dict(enumerate(found))), tuple(moved)
@@ -194,7 +194,7 @@ def _moving_channels(frame: Frame, sensors: Sequence[Sensor], lines: Mapping[int
     taken = [*own, *(len(sensors) + k for k in own)]
 
     def read(h: float) -> sparse.csr_array:
-        return _rows(frame, sensors, {k: lines[k].at(frame, h) for k in own})[taken]
+        return _rows(frame, sensors, {k: lines[k].attach(frame, h) for k in own})[taken]
 
     here, powers = read(0.0), []
     for a, b in pairwise(knots):

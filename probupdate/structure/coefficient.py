@@ -28,7 +28,7 @@ class Factor:
     function: Callable[[Values], float | np.ndarray]
     component: int | None = None
 
-    def of(self, evaluated: float | np.ndarray) -> float | np.ndarray:
+    def component_value(self, evaluated: float | np.ndarray) -> float | np.ndarray:
         return evaluated if self.component is None else np.asarray(evaluated)[..., self.component]
 
 
@@ -47,7 +47,7 @@ class Coefficient:
     def value(self, values: Values) -> float | np.ndarray:
         product = self.scale
         for factor in self.factors:
-            product = product * factor.of(factor.function(values))
+            product = product * factor.component_value(factor.function(values))
         return product
 
 
@@ -207,7 +207,7 @@ class TermCollector:
                 continue
             if factor.key not in self._frozen:
                 self._frozen[factor.key] = factor.function(self.initial)
-            number *= float(factor.of(self._frozen[factor.key]))
+            number *= float(factor.component_value(self._frozen[factor.key]))
         return number, tuple(sorted(varying, key=repr))
 
     def add(self, coefficient: Coefficient, payload: Callable[[float], object]) -> None:

@@ -81,7 +81,7 @@ class Jacket(Table):
     bay: Annotated[tuple[Bay, ...], Field(min_length=1)]
     joints: Joints
 
-    def between(self, first: str, second: str) -> str:
+    def face_between(self, first: str, second: str) -> str:
         """Name of a face or brace of two legs: "AB"; "A-BC" where legs A, BC, AB and C would have two faces "ABC"."""
         pairs = list(zip(self.leg_names, (*self.leg_names[1:], self.leg_names[0]), strict=True))
         # a run of hyphens longer than any name leaves no two alike
@@ -93,7 +93,7 @@ class Jacket(Table):
     @property
     def faces(self) -> dict[str, tuple[str, str]]:
         """Name of each face -> its two legs, in their order."""
-        return {self.between(a, b): (a, b)
+        return {self.face_between(a, b): (a, b)
                 for a, b in zip(self.leg_names, (*self.leg_names[1:], self.leg_names[0]), strict=True)}
 
 

@@ -29,7 +29,7 @@ def faces(d: Description) -> dict[str, str]:
     if not isinstance(d, OnJacket):
         return found
     for name, (first, second) in d.jacket.faces.items():
-        found |= {name: name, d.jacket.between(second, first): name}
+        found |= {name: name, d.jacket.face_between(second, first): name}
     return found
 
 
@@ -51,13 +51,13 @@ class Effects:
             self._of.setdefault(p.kind, []).append(p)
         self._found: set[str] = set()
 
-    def of(self, kind: str) -> list:
+    def of_kind(self, kind: str) -> list:
         """The parameters of a kind, as in the file."""
         return list(self._of.get(kind, ()))
 
-    def at(self, kind: str, place: Place, **settings) -> tuple[str, ...]:
+    def names_at(self, kind: str, place: Place, **settings) -> tuple[str, ...]:
         """Names of the parameters of a kind that act at a place; settings narrow them, "all" fits any."""
-        chosen = [p for p in self.of(kind) if all(self._answers(p, *item) for item in settings.items())]
+        chosen = [p for p in self.of_kind(kind) if all(self._answers(p, *item) for item in settings.items())]
         return tuple(p.name for p in chosen if self.acts(p, place))
 
     def acts(self, p, place: Place) -> bool:
@@ -81,15 +81,15 @@ class Effects:
 
     def on_body(self, kind: str, body: str) -> list:
         """The parameters of a kind that act on a body: those that name it, and those of a whole assembly."""
-        chosen = [p for p in self.of(kind)
+        chosen = [p for p in self.of_kind(kind)
                   if p.on.body == body or (p.on.body is None and kind == "centre_of_mass")]
         self._found.update(p.name for p in chosen)
         return chosen
 
     def on_all(self, kind: str) -> list:
         """The parameters of a kind that knows no place."""
-        self._found.update(p.name for p in self.of(kind))
-        return self.of(kind)
+        self._found.update(p.name for p in self.of_kind(kind))
+        return self.of_kind(kind)
 
     def levels(self, group: str) -> tuple[float, ...]:
         """Where members of a group must have a node: ends of bands, connections."""

@@ -19,7 +19,7 @@ from probupdate.structure.frame import Hinge, LineMass, Prestress
 def hang_masses(mesh) -> None:
     """Effects of kind mass on members: evenly along all that they choose."""
     length = [float(np.linalg.norm(mesh.nodes[beam.end] - mesh.nodes[beam.start])) for beam in mesh.beams]
-    for p in mesh.effects.of("mass"):
+    for p in mesh.effects.of_kind("mass"):
         chosen = [] if p.on.body else [k for k, place in enumerate(mesh.places) if mesh.effects.acts(p, place)]
         whole = sum(length[k] for k in chosen)
         for k in chosen:
@@ -30,7 +30,7 @@ def hang_masses(mesh) -> None:
 def loosen(mesh) -> None:
     """Connections: at each node on the level, in the element of a member that starts there, or else ends there."""
     hinges: dict[tuple[int, int], dict[str, tuple[str, ...]]] = {}
-    for p in (*mesh.effects.of("hinge"), *mesh.effects.of("slip")):
+    for p in (*mesh.effects.of_kind("hinge"), *mesh.effects.of_kind("slip")):
         found: dict[tuple[str, int], tuple[int, int]] = {}
         for k, (beam, place) in enumerate(zip(mesh.beams, mesh.places, strict=True)):
             for end, node in ((1, beam.end), (0, beam.start)):

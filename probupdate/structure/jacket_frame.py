@@ -55,8 +55,8 @@ def _add_braces(mesh: Mesh, d: OnJacket, legs: list[dict[float, int]]) -> None:
             centre = mesh.node(p["low left"] + low / (low + high) * (p["high right"] - p["low left"]))
             for foot, head, first, second in (("low left", "high right", left, right),
                                               ("low right", "high left", right, left)):
-                member = Member("brace", f"brace {d.jacket.between(names[first], names[second])}-{number + 1}",
-                                face=d.jacket.between(names[left], names[right]), bay=number + 1)
+                member = Member("brace", f"brace {d.jacket.face_between(names[first], names[second])}-{number + 1}",
+                                face=d.jacket.face_between(names[left], names[right]), bay=number + 1)
                 for key, leg, at_foot in ((foot, first, True), (head, second, False)):
                     end = _brace_end(mesh, corner[key], legs[leg], centre, bay.brace, member._replace(leg=names[leg]))
                     chain = mesh.chain(*((end, centre) if at_foot else (centre, end)), "brace")
@@ -88,7 +88,7 @@ def _brace_end(
     )
     common = parameter("LJF") * parameter("k_j") * mesh.warmth(on_chord) * d.steel.youngs_modulus_pa
     stiffness = tuple(
-        common * product(mesh.effects.at("joint", place, motion=motion)) * coefficient
+        common * product(mesh.effects.names_at("joint", place, motion=motion)) * coefficient
         for motion, coefficient in zip(("axial", "in plane", "out of plane"), function.coefficients(), strict=True)
     )
     end = mesh.node(position)

@@ -49,7 +49,7 @@ def _add_sleeve(mesh: Mesh, d: OnMonopile, sleeve: Sleeve, pile: list[int]) -> t
     """The transition piece on the pile's nodes, from above; -> its top, lumped masses."""
     foot_z = d.tower.station[0].z_m
     common = parameter("k_c") * mesh.warmth(mesh.place(SLEEVE, sleeve.bottom_m)) * product(
-        mesh.effects.at("joint", mesh.place(SLEEVE, sleeve.bottom_m), motion="all"))
+        mesh.effects.names_at("joint", mesh.place(SLEEVE, sleeve.bottom_m), motion="all"))
     bodies = []
     inside = [node for node in reversed(pile) if mesh.nodes[node][2] >= sleeve.bottom_m - 1e-9]
     own = [mesh.node(mesh.nodes[node]) for node in inside]
@@ -114,7 +114,7 @@ def add_foundation(mesh: Mesh, d: OnFoundation) -> tuple[int, list[Body], list[N
         rows = ((own.horizontal_npm, (0, 1)), (own.vertical_npm, (2,)), (own.rocking_nmprad, (3, 4)),
                 (own.torsion_nmprad, (5,)))
         factor = parameter("k_f") * product(
-            mesh.effects.at("joint", mesh.place(GROUND, d.tower.station[0].z_m), motion="all"))
+            mesh.effects.names_at("joint", mesh.place(GROUND, d.tower.station[0].z_m), motion="all"))
         for value, directions in rows:
             springs += [NodeSpring(node=foot, direction=EACH_WAY[k], stiffness=factor * float(value or 0.0))
                         for k in directions]

@@ -34,7 +34,7 @@ class ProjectedTerms:
     added: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray) -> ProjectedTerms:
+    def project(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray) -> ProjectedTerms:
         pattern, entry = union_pattern(terms)
         column = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
         # a basis that is read-only is shared
@@ -52,7 +52,7 @@ class ProjectedTerms:
         """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
         return self._sum_observed(weight, lambda rows: rows)
 
-    def between(self, weight: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    def project_between(self, weight: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """sum_t weight_t X^T B^T K_t B X (k, k) for weight (n_term,) and X (r, k): for few vectors, or few entries."""
         return self._sum_observed(weight, lambda rows: rows @ vectors)
 
@@ -153,7 +153,7 @@ class Expansion:
                               slopes=kept))
         return result[0], result[1]
 
-    def at(self, theta: np.ndarray, terms: ProjectedTerms, weight: np.ndarray) -> np.ndarray:
+    def evaluate(self, theta: np.ndarray, terms: ProjectedTerms, weight: np.ndarray) -> np.ndarray:
         """(r, r) at theta, where the terms have `weight`; parts may have been added behind both."""
         rest, n = np.array(weight), len(self.weight)
         rest[:n] -= self.weight

@@ -41,7 +41,7 @@ class FeltGravity:
         share = [float(felt.get(c, s)) for c, s in zip(channels, self.share, strict=True)]
         return replace(self, share=frozen_array(share))
 
-    def at(self, theta: np.ndarray) -> np.ndarray:
+    def evaluate(self, theta: np.ndarray) -> np.ndarray:
         """(..., n_channel) what of gravity's acceleration channels hold at theta (..., n_param)."""
         held = np.broadcast_to(self.share, (*theta.shape[:-1], len(self.share)))
         for column, own in self.reversed_by:

@@ -206,7 +206,7 @@ class _Checks:
         error, fast_shape = self._frequency_error(reduced, slice(None))
         return error, self._least_mac(reduced, fast_shape, range(len(self.theta)))
 
-    def held(self, reduced: ReducedModel, share: float) -> bool:
+    def holds(self, reduced: ReducedModel, share: float) -> bool:
         """Within MARGIN of the tolerance at a share of the points, with LEAST_MAC at those; stops at too many
         misses."""
         allowed = int((1 - share) * len(self.theta))
@@ -270,7 +270,7 @@ def _smallest_size(largest: Sequence[ReducedModel], checks: Sequence[_Checks], s
     size = largest[0].basis.shape[1]
 
     def held(size: int) -> bool:
-        return all(c.held(one.truncate(size), share) for c, one in zip(checks, largest, strict=True))
+        return all(c.holds(one.truncate(size), share) for c, one in zip(checks, largest, strict=True))
 
     while not held(min(high, size)):
         if high >= size:

@@ -175,7 +175,7 @@ class ReducedModel:
         order = np.argsort(value, axis=1)[:, :n_mode]
         value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
         gravity = self.full.gravity
-        seen = channel_readings(seen, value, None if gravity is None else gravity.at(theta))
+        seen = channel_readings(seen, value, None if gravity is None else gravity.evaluate(theta))
         exhausted = np.zeros(len(theta), bool)
         for block, n, (own, _) in zip(self.blocks, numbers, solved, strict=True):
             if n < min(n_mode, len(block.rows)):

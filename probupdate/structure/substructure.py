@@ -68,9 +68,9 @@ def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[
     below = np.flatnonzero(~above)
     one = supporting_frame(replace(frame, prestress=()), ~above, updated=updated, values=d.values, theory=d.mesh.theory,
                            gravity_mps2=None)
-    softening = Softening.of(frame, one.transform, ~above, updated=updated, values=d.values, theory=d.mesh.theory,
+    softening = Softening.assemble(frame, one.transform, ~above, updated=updated, values=d.values, theory=d.mesh.theory,
                              gravity_mps2=d.gravity_mps2 if d.mesh.geometric_stiffness else None)
-    sums = tuple(WeightedSum.of(terms) for terms in (one.stiffness, one.mass))
+    sums = tuple(WeightedSum.from_matrices(terms) for terms in (one.stiffness, one.mass))
 
     def at(values: Mapping[str, float]) -> Substructure:
         weights = one.coefficients(np.array([values[name] for name in updated], float))

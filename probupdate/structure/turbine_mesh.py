@@ -103,34 +103,34 @@ class Mesh:
         bay = bay_at(self.d, z_m) if member.group == "leg" else member.bay
         return Place(group=member.group, part=member.part, z_m=z_m, leg=member.leg, face=member.face, bay=bay)
 
-    def between(self, segment: Segment, member: Member) -> Place:
+    def place_between(self, segment: Segment, member: Member) -> Place:
         return self.place(member, 0.5 * (self.nodes[segment.start][2] + self.nodes[segment.end][2]))
 
     def beam(self, segment: Segment, member: Member, tube: Tube, **kwargs) -> None:
-        steel, place = self.d.steel, self.between(segment, member)
-        named = {motion: self.effects.at("stiffness", place, motion=motion) for motion in ("axial", "bending")}
+        steel, place = self.d.steel, self.place_between(segment, member)
+        named = {motion: self.effects.names_at("stiffness", place, motion=motion) for motion in ("axial", "bending")}
         both = tuple(name for name in named["axial"] if name in named["bending"])
         one = {motion: product(n for n in names if n not in both) for motion, names in named.items()}
         self.places.append(place)
         self.beams.append(Beam(
             start=segment.start, end=segment.end, group=member.group, part=member.part, tube=tube,
             youngs_modulus_pa=steel.youngs_modulus_pa, poisson_ratio=steel.poisson_ratio,
-            density_kgpm3=steel.density_kgpm3, shear=self.effects.at("shear", place),
+            density_kgpm3=steel.density_kgpm3, shear=self.effects.names_at("shear", place),
             stiffness=parameter(STIFFNESS[member.group]) * product(both) * self.warmth(place), **one, **kwargs,
         ))
 
     def warmth(self, place: Place) -> Coefficient:
-        names = self.effects.at("temperature", place)
-        entries = tuple((p.name, p.relative_per_degc) for p in self.effects.of("temperature") if p.name in names)
+        names = self.effects.names_at("temperature", place)
+        entries = tuple((p.name, p.relative_per_degc) for p in self.effects.of_kind("temperature") if p.name in names)
         return Warmth(entries=entries).coefficient_of() if entries else Coefficient()
 
     def tube(self, member: Member, entry: TubeEntry, segment: Segment) -> Tube:
         """Of the entry's size; that of legs and braces follows Table 2."""
-        place = self.between(segment, member)
+        place = self.place_between(segment, member)
         return self.tube_at(place, entry, segment.z_m)
 
     def tube_at(self, place: Place, entry: TubeEntry, z: float) -> Tube:
-        loss, factors = self.effects.at("corrosion", place), {}
+        loss, factors = self.effects.names_at("corrosion", place), {}
         if place.group in ("leg", "brace"):
             letter = place.group[0]
             factors = {"diameter_factor": f"D_{letter}", "thickness_factor": f"t_{letter}"}
@@ -146,7 +146,7 @@ class Mesh:
 
     def water(self, segment: Segment, member: Member, tube: Tube, *, flooded: bool) -> tuple[LineMass, ...]:
         """Growth, added mass and flooding of an element above the seabed."""
-        place = self.between(segment, member)
+        place = self.place_between(segment, member)
         start, end = (self.nodes[k] for k in (segment.start, segment.end))
         low, high = sorted((start[2], end[2]))
         tidal = bool(self.rise) and low < self.tide[1] and high > self.tide[0]
@@ -154,7 +154,7 @@ class Mesh:
             return ()
         masses = water_and_growth(self.d, self.effects, tube, place, segment.z_m)
         fills = ((Coefficient(),) if flooded else ())
-        fills += tuple(parameter(name) for name in self.effects.at("flooding", place))
+        fills += tuple(parameter(name) for name in self.effects.names_at("flooding", place))
         filling = [LineMass(per_metre=flooding(self.d, tube) * fill) for fill in fills]
         if not tidal:
             return (*masses, *filling)
@@ -182,10 +182,10 @@ def covered_mass(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
 def water_and_growth(d: Offshore, effects: Effects, tube: Tube, place: Place, z: float) -> tuple[LineMass, ...]:
     """Growth and added mass of a tube wholly under water; z is that of its section."""
     water = d.hydrodynamics
-    growth = ("mg", *effects.at("growth", place)) if z < water.growth_top_m else ()
+    growth = ("mg", *effects.names_at("growth", place)) if z < water.growth_top_m else ()
     added = Water(kind="added", tube=tube, density_kgpm3=d.site.water_density_kgpm3,
                   coefficient=water.added_mass_coefficient, growth=growth)
-    factor = parameter("a_m") * product(effects.at("added_mass", place))
+    factor = parameter("a_m") * product(effects.names_at("added_mass", place))
     masses = [LineMass(per_metre=added.coefficient_of() * factor, transverse_only=True)]
     if growth:
         grown = Water(kind="growth", tube=tube, density_kgpm3=water.growth_density_kgpm3, growth=growth)
@@ -221,15 +221,15 @@ def drive_pile(
     )
     at_tip = mesh.place(member, d.pile_tip_m)
     diameters = tuple(entry.diameter_m for entry in entries)
-    moments = _pile_moments(mesh, chain, clay, diameters, ("sc", *mesh.effects.at("scour", at_tip)))
+    moments = _pile_moments(mesh, chain, clay, diameters, ("sc", *mesh.effects.names_at("scour", at_tip)))
     for k, (segment, entry) in enumerate(zip(chain, entries, strict=True)):
-        place, tube = mesh.between(segment, member), mesh.tube(member, entry, segment)
+        place, tube = mesh.place_between(segment, member), mesh.tube(member, entry, segment)
         carried = [covered_mass(mass, moments["exposed_moments"][k])
                    for mass in water_and_growth(d, mesh.effects, tube, place, segment.z_m)]
         fills = (Coefficient(),) if flooded else ()
-        fills += tuple(parameter(name) for name in mesh.effects.at("flooding", place))
+        fills += tuple(parameter(name) for name in mesh.effects.names_at("flooding", place))
         carried += [LineMass(per_metre=flooding(d, tube) * fill) for fill in fills]
-        lateral, axial = (inverse(curve) * product(mesh.effects.at("soil", place, curve=curve))
+        lateral, axial = (inverse(curve) * product(mesh.effects.names_at("soil", place, curve=curve))
                           for curve in ("py", "tz"))
         springs = LineSpring(
             lateral=tuple(m * lateral for m in moments["lateral_moments"][k]),
@@ -239,7 +239,7 @@ def drive_pile(
         )
         mesh.beam(segment, member, tube, carried=tuple(carried), springs=springs)
     depth = d.site.mudline_m - d.pile_tip_m
-    stiffness = inverse("qw") * product(mesh.effects.at("soil", at_tip, curve="qw")) * float(
+    stiffness = inverse("qw") * product(mesh.effects.names_at("soil", at_tip, curve="qw")) * float(
         soil.tip_stiffness(clay, diameters[-1], depth))
     return NodeSpring(node=chain[-1].end, direction=np.eye(6)[2], stiffness=stiffness)
 

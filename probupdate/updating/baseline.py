@@ -42,7 +42,7 @@ class Rows:
     slope: np.ndarray
     parameters: tuple[str, ...]
 
-    def below(self, others: Sequence[Rows]) -> Rows:
+    def stack_below(self, others: Sequence[Rows]) -> Rows:
         """All of them, in no more rows than are needed; the others' parameters are some of these."""
         n, every = self.matrix.shape[1], []
         for rows in (self, *others):
@@ -272,5 +272,5 @@ def join_baselines(known: Sequence[LearntError], own: Unknowns, common: Sequence
                                  "a run that was given a baseline holds it already: give the last one alone")
             seen[data] = one.source or one.model
     first, *others = [own.rows_of(one, common) for one in known]
-    return first.below(others)
+    return first.stack_below(others)
 

@@ -219,7 +219,7 @@ def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | N
     error = shared_error([problem], theta[None], as_they_are, alone=True)
     found = learn_scales(error, _prior_about(problem, theta),
                          evidence=None if known is None else _evidence(problem, _error_alone(
-                             problem, theta, error_rows(problem, theta).below([known]))))
+                             problem, theta, error_rows(problem, theta).stack_below([known]))))
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
@@ -263,7 +263,7 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     bare = problem.bare or problem
     if problem.weights.shapes == "mac" or not np.any(bare.error_covariance):
         return None
-    every = error_rows(problem, theta).below([] if problem.known is None else [problem.known])
+    every = error_rows(problem, theta).stack_below([] if problem.known is None else [problem.known])
     rows = _error_alone(problem, theta, every)
     centre, precision = _prior_about(problem, theta)
     stated = problem.weights.scales or ((*problem.weights.discrepancies, problem.weights.mixing, 0.0),)

@@ -179,7 +179,7 @@ class _Independent:
     about: StudentT
 
     @classmethod
-    def of(cls, hyper: _Hyper) -> _Independent:
+    def from_hyperparameters(cls, hyper: _Hyper) -> _Independent:
         """About the largest density of the scales, the mean integrated out with a Gaussian for its prior."""
         n_w = hyper.n_x - hyper.n
         steps = np.vstack([np.zeros(n_w), DIFFERENCE * np.eye(n_w), -DIFFERENCE * np.eye(n_w)])
@@ -221,7 +221,7 @@ def _independent_draws(
 ) -> tuple[np.ndarray, float, float, str] | None:
     """As `_chain`, each draw as often as its weight, R-hat one; None where the weights say that they are not the
     population's."""
-    source, number = _Independent.of(hyper), AT_ONCE
+    source, number = _Independent.from_hyperparameters(hyper), AT_ONCE
     for fit in range(FITS):
         progress("population", fit, FITS)
         parts = [source.draw(PART, rng) for _ in range(number // PART)]

@@ -221,7 +221,7 @@ class _Round:
     value: np.ndarray
     known: dict[int, np.ndarray] = field(default_factory=dict)
 
-    def at(self, other: _Round) -> np.ndarray:
+    def density_at(self, other: _Round) -> np.ndarray:
         """ln of the proposal's density at another round's draws, computed once."""
         if id(other) not in self.known:
             self.known[id(other)] = self.proposal.log_density(other.theta)
@@ -256,7 +256,7 @@ def fitted_proposal(
     for number in range(ROUNDS):
         kept = rounds[-KEPT:]
         theta, value = (np.concatenate([getattr(r, k) for r in kept]) for k in ("theta", "value"))
-        known = np.array([np.concatenate([r.at(other) for other in kept]) for r in kept])
+        known = np.array([np.concatenate([r.density_at(other) for other in kept]) for r in kept])
         drawn = np.array([r.number for r in kept])
         proposed = special.logsumexp(known.T + np.log(drawn / drawn.sum()), axis=1)
         before = power

@@ -85,9 +85,9 @@ class FarmAscent:
         z = u[:, self.shared].mean(axis=0)
         u = np.array(u)
         u[:, self.shared[: len(self.roles.common)]] = z[: len(self.roles.common)]
-        return self.at(u, z, None)
+        return self.evaluate(u, z, None)
 
-    def at(self, u: np.ndarray, z: np.ndarray, x: np.ndarray | None) -> Place:
+    def evaluate(self, u: np.ndarray, z: np.ndarray, x: np.ndarray | None) -> Place:
         """The models made linear there. x None: as expected."""
         self.progress("joint estimate", min(self.rounds, ROUNDS), ROUNDS + 1)
         self.rounds += 1
@@ -97,9 +97,9 @@ class FarmAscent:
         return self.with_error(error, u, z, x)
 
     def with_error(self, error: SharedError, u: np.ndarray, z: np.ndarray, x: np.ndarray | None) -> Place:
-        layout = Layout.of(self.roles, self.scores.covariance, error.middle)
+        layout = Layout.from_roles(self.roles, self.scores.covariance, error.middle)
         inners = group_inners(error, self.new, self.set_turbine)
-        system, turn = FarmSystem.of(inners, layout, error.kind, error.form).keep_informed(
+        system, turn = FarmSystem.assemble(inners, layout, error.kind, error.form).keep_informed(
             self.scales.hyper, self.scales.learnt)
         if self.wide is not None:
             system = system.with_wide(self.wide)
@@ -119,7 +119,7 @@ class FarmAscent:
                 return place, True
             x = place.laplace.scales_beside(place, held) if held and self.learnt else place.next_x
             u, z = place.laplace.step(x, place.u, place.z, held)
-            fresh, hoped = self.at(u, z, x), place.laplace.value(x, u, z) - place.value
+            fresh, hoped = self.evaluate(u, z, x), place.laplace.value(x, u, z) - place.value
             # a step so short that nothing is hoped for is as good as none
             share = (fresh.value - place.value) / hoped if hoped > 0 else 0.0
             if fresh.gain < place.gain < ALIKE and fresh.value > place.value - ALIKE:
@@ -159,7 +159,7 @@ class Laplace:
         """u and z at the largest F of x, less `held` times half the squared distance of u."""
         off, arrow = self._off(x, u, z)
         step = -np.linalg.solve(arrow.precision + held * arrow.distance, arrow.precision @ off)
-        return u + arrow.moved(step), z + step[: self.system.n_z]
+        return u + arrow.move_turbines(step), z + step[: self.system.n_z]
 
     def scales_beside(self, place: Place, held: float) -> np.ndarray:
         """x (n_x,) of the largest F where u is held."""
@@ -180,7 +180,7 @@ class Laplace:
         tau, std = self.scales.tau(x), self.system.common_std(self.scales.shared(x, self.system))
         joint = self.system.conditional(tau, std)
         best = self.system.means(tau, joint)
-        arrow = Arrow.of(self.system, self.inner[:, 1:, 1:], self.system.spread(tau), std)
+        arrow = Arrow.assemble(self.system, self.inner[:, 1:, 1:], self.system.spread(tau), std)
         return arrow.coordinates(u - self.middle - best,
                                  z - self.middle[list(self.shared)] - joint.mean[: self.system.n_z]), arrow
 

@@ -132,8 +132,8 @@ class JointEstimate:
                         form=self.error.form)
         group = np.concatenate([np.full(len(self.error.problems), len(months)),
                                 np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
-        layout = Layout.of(self.roles, self.scores.covariance, error.middle)
-        whole = FarmSystem.of(group_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
+        layout = Layout.from_roles(self.roles, self.scores.covariance, error.middle)
+        whole = FarmSystem.assemble(group_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
         system = whole.turned(self.turn, self.system.kind, self.system.form).with_wide(self.system.wide[list(number)])
         shared = self.roles.numbers(self.roles.shared)
         joint = self.system.conditional(self.tau, self.common_std)
@@ -165,13 +165,13 @@ def _new_scales(
     some = np.flatnonzero(set_turbine <= set_turbine[min(LEARNT_FROM, len(set_turbine)) - 1])
     part = replace(error, centre=error.centre[some], **{name: tuple(getattr(error, name)[s] for s in some) for name in
                                                         ("problems", "residual", "slope", "effect")})
-    layout, shared = Layout.of(roles, covariance, part.middle), _hyper(error.problems[0])
+    layout, shared = Layout.from_roles(roles, covariance, part.middle), _hyper(error.problems[0])
     hyper = np.concatenate([shared[:2], shared])
 
     def descent(x: np.ndarray) -> float:
         scales = hyper * np.exp(x)
         inners = group_inners(part, (float(scales[0]), float(scales[1])), set_turbine[some])
-        system = FarmSystem.of(inners, layout, part.kind, part.form)
+        system = FarmSystem.assemble(inners, layout, part.kind, part.form)
         value = system.log_density(tau[None], system.common_std(scales[None, 2:]))[0]
         return -float(value + np.sum(log_half_cauchy(scales, hyper)))
 
@@ -209,7 +209,7 @@ def estimate_farm(
     odd_wide = np.full(len(ascent.shared), settings.odd_wide)
     while True:
         odd = odd_turbines(place.system, scales, odd_wide, share=settings.odd_share, seed=settings.seed)
-        before, ascent.wide = ascent.wide, odd.wide(odd_wide)
+        before, ascent.wide = ascent.wide, odd.outlier_scale(odd_wide)
         # who is odd is set apart, and all is solved again
         if not settled or np.array_equal(ascent.wide, np.zeros_like(ascent.wide) if before is None else before):
             break

@@ -108,7 +108,7 @@ class Arrow:
     follow: np.ndarray
 
     @classmethod
-    def of(cls, system: FarmSystem, inner: np.ndarray, spread: np.ndarray, std: np.ndarray) -> Arrow:
+    def assemble(cls, system: FarmSystem, inner: np.ndarray, spread: np.ndarray, std: np.ndarray) -> Arrow:
         """inner (n_turbine, n_param + n_e, n_param + n_e): inner products of (slope, effect) of each turbine."""
         layout, c, n_z = system.layout, system.columns, system.n_z
         n_t, n, n_own = len(inner), len(layout.offset), layout.own.shape[1]
@@ -131,7 +131,7 @@ class Arrow:
         return cls(local=local, place=place, precision=precision, factor=linalg.cho_factor(precision), error=error,
                    follow=follow)
 
-    def moved(self, w: np.ndarray) -> np.ndarray:
+    def move_turbines(self, w: np.ndarray) -> np.ndarray:
         """By how much u (n_turbine, n_param) moves with w (n_w,)."""
         return np.einsum("icl,il->ic", self.local, w[self.place])
 
@@ -221,7 +221,7 @@ class _Moving:
                 self.step, self.exact = np.zeros_like(self.step), True
             return
         if slope is None:
-            slope = self._update_derivatives(bend, arrow.moved(trial - self.shift))
+            slope = self._update_derivatives(bend, arrow.move_turbines(trial - self.shift))
         whole = arrow.curvature(slope)
         n = bend.shape[1] - 2 - len(arrow.follow)
         self.shift, self.missed, self.bend, self.slope = trial, missed, bend, slope
@@ -269,22 +269,22 @@ class FarmModels:
         these weigh."""
         begin, spread, n_z = self.linear_scores(draws), self.system.spread(draws.tau), self.system.n_z
         n_w = n_z + begin.shape[1] * (len(self.system.columns) + self.system.layout.own.shape[1])
-        moving = [_Moving(Arrow.of(self.system, self.inner[:, 1:, 1:], own, std), np.zeros(n_w), np.zeros(n_w),
+        moving = [_Moving(Arrow.assemble(self.system, self.inner[:, 1:, 1:], own, std), np.zeros(n_w), np.zeros(n_w),
                           np.zeros(draws.e.shape[1])) for own, std in zip(spread, draws.std, strict=True)]
         u = np.array(begin)
         for _ in range(STEPS):
             some = [k for k, one in enumerate(moving) if not one.end]
             for k in some:
-                u[k] = begin[k] + moving[k].arrow.moved(moving[k].trial)
+                u[k] = begin[k] + moving[k].arrow.move_turbines(moving[k].trial)
                 while not (moving[k].end or self._inside(fast, u[k])):
                     moving[k].shorten()
-                    u[k] = begin[k] + moving[k].arrow.moved(moving[k].trial)
+                    u[k] = begin[k] + moving[k].arrow.move_turbines(moving[k].trial)
             some = [k for k in some if not moving[k].end]
             if not some:
                 break
             self._judge([moving[k] for k in some], fast, u[some], jobs)
         for k, one in enumerate(moving):
-            u[k] = begin[k] + one.arrow.moved(one.shift)
+            u[k] = begin[k] + one.arrow.move_turbines(one.shift)
         z = draws.z + np.array([one.shift[:n_z] for one in moving])
         e = draws.e + np.array([one.error for one in moving])
         weight = np.array([self._log_weight(one, *both) if one.end == "solved" else -np.inf for one, both in zip(

@@ -49,7 +49,7 @@ class OddTurbines:
     def numbers(self) -> tuple[int, ...]:
         return tuple(int(i) for i in np.flatnonzero(self.probability >= SURE))
 
-    def wide(self, scale: np.ndarray) -> np.ndarray:
+    def outlier_scale(self, scale: np.ndarray) -> np.ndarray:
         """How much farther than tau (n_turbine, n_z) a turbine may be in the parameters that may be the reason."""
         found = np.zeros_like(self.share)
         for i in self.numbers:

@@ -111,12 +111,12 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
     sets = _to_one_scale(data)
     frequency = np.array([s.frequency_hz for s in sets])
     std = np.array([s.frequency_std_hz for s in sets])
-    mean = Mean.of(frequency, std)
+    mean = Mean.estimate(frequency, std)
     # sets that state nothing and agree to the last digit that is printed share its rounding
     mean = replace(mean, std=np.where(mean.is_stated, mean.std, np.maximum(mean.std, rounding_std(frequency))))
-    shape = Mean.of(np.real(np.array([s.shape for s in sets])), np.array([s.shape_std for s in sets]))
+    shape = Mean.estimate(np.real(np.array([s.shape for s in sets])), np.array([s.shape_std for s in sets]))
     imaginary = _weighted_sum(np.imag(np.array([s.shape for s in sets])), shape.share)
-    damping = Mean.of(np.array([s.damping_ratio for s in sets]), np.array([s.damping_ratio_std for s in sets]))
+    damping = Mean.estimate(np.array([s.damping_ratio for s in sets]), np.array([s.damping_ratio_std for s in sets]))
     every = [s.covariance_factors.loaded() for s in sets if s.covariance_factors is not None]
     factors = _mean_factors(every, mean, shape, damping) if len(every) == len(sets) else None
     together = ModalSet(
@@ -149,7 +149,7 @@ class Mean:
     is_stated: np.ndarray
 
     @classmethod
-    def of(cls, values: np.ndarray, std: np.ndarray) -> Mean:
+    def estimate(cls, values: np.ndarray, std: np.ndarray) -> Mean:
         from scipy import stats
 
         there = np.isfinite(values)

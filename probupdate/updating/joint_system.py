@@ -84,7 +84,7 @@ class Layout:
     varying: np.ndarray
 
     @classmethod
-    def of(cls, roles: Roles, covariance: np.ndarray, middle: np.ndarray) -> Layout:
+    def from_roles(cls, roles: Roles, covariance: np.ndarray, middle: np.ndarray) -> Layout:
         """covariance (n_param, n_param): the prior's of u, whose mean is zero; middle (n_param,)."""
         mean = -middle
         s, o = roles.numbers(roles.shared), roles.numbers(roles.own)
@@ -131,7 +131,7 @@ class FarmSystem:
     form: np.ndarray
 
     @classmethod
-    def of(
+    def assemble(
         cls, inners: Sequence[Inner], layout: Layout, kind: np.ndarray | None = None, form: np.ndarray | None = None
     ) -> FarmSystem:
         """inners: one a turbine, all about the middle that the layout is of; kind None: e is standard normal."""

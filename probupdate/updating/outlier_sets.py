@@ -101,7 +101,7 @@ def outlier_sets(data: ModalData) -> OutlierSets:
     stated = np.hypot(stated, rounding_std(frequency))
     with np.errstate(invalid="ignore", divide="ignore"):
         ln, stated = np.log(frequency), np.nan_to_num(stated / frequency)
-    stated, shapes = np.maximum(stated, LEAST), ShapeTable.of(data, ln)
+    stated, shapes = np.maximum(stated, LEAST), ShapeTable.from_sets(data, ln)
     n_set, n_mode = ln.shape
     # of the frequency and of the shape of each mode
     ratio, off, mac = np.full((2, n_set, n_mode), -np.inf), np.zeros((n_set, n_mode)), np.ones((n_set, n_mode))
@@ -165,8 +165,8 @@ def without_outliers(data: ModalData) -> tuple[ModalData, list[str]]:
 
 def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> str:
     """A sentence where frequencies (of the modes `used`, None: of all) stand at one level up to a set and at another
-    from it on: their mean describes neither state; empty where they do not. The sets are in the order of the data, which
-    is that of time."""
+    from it on: their mean describes neither state; empty where they do not. The sets are in the order of the data,
+    which is that of time."""
     first, sizes = first_after_step(data, used)
     return first and (f"frequencies step at set {first} ({sizes}): the structure changed there, and parameters "
                       "from the mean of all sets describe neither state")

@@ -35,7 +35,7 @@ class ShapeTable:
     near: np.ndarray
 
     @classmethod
-    def of(cls, data: ModalData, ln_frequency: np.ndarray) -> ShapeTable:
+    def from_sets(cls, data: ModalData, ln_frequency: np.ndarray) -> ShapeTable:
         shape = np.array([s.shape for s in data.sets])
         std = np.nan_to_num(np.array([s.shape_std for s in data.sets], float))
         there = np.isfinite(shape)

@@ -395,7 +395,7 @@ class Problem:
         n_mode = min(n_mode, max(max(c) for c in clusters) + 1)
         solution = unknown.changes(theta, n_mode, self._rotations(clusters))
         _, slope = self._response_slope(solution, clusters)
-        return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
+        return replace(self, error=ResponseError.from_slopes(unknown.sources, slope, theta))
 
     def with_mixing(self, theta: np.ndarray) -> Problem:
         """The same problem with what local errors of the model's stiffness do to its shapes about theta (n_param,); of
@@ -443,7 +443,7 @@ class Problem:
     @cached_property
     def aligned(self) -> np.ndarray:
         """What is seen (n_response, n_response) of errors of the responses where shapes are aligned."""
-        return linalg.block_diag(np.eye(self.n_frequency), *(g.across for g in self.groups))
+        return linalg.block_diag(np.eye(self.n_frequency), *(g.alignment_residual for g in self.groups))
 
     @property
     def error_covariance(self) -> np.ndarray:

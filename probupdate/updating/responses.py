@@ -265,7 +265,7 @@ class ResponseGroup:
         return np.linalg.qr(self.basis)[0]
 
     @cached_property
-    def across(self) -> np.ndarray:
+    def alignment_residual(self) -> np.ndarray:
         """What is left (n k, n k) of components mode by mode when the shapes are aligned."""
         if self.shapes == "none":
             return np.zeros((0, 0))

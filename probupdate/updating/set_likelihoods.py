@@ -53,7 +53,7 @@ class SetLikelihoods:
     gradient: np.ndarray
     precision: np.ndarray
 
-    def at(self, u: np.ndarray) -> np.ndarray:
+    def evaluate(self, u: np.ndarray) -> np.ndarray:
         """(n, n_set) of one u (n, n_param) for all sets."""
         return self.own(np.broadcast_to(u[:, None], (len(u), *self.centre.shape)))
 
@@ -68,7 +68,7 @@ class SetLikelihoods:
         slope, root = self._inner(mean, factor)
         white = np.linalg.solve(root, slope[..., None])[..., 0]
         shrink = np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
-        return self.at(mean) - shrink + 0.5 * np.sum(white**2, axis=2)
+        return self.evaluate(mean) - shrink + 0.5 * np.sum(white**2, axis=2)
 
     def draw_own(self, mean: np.ndarray, factor: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """u_j given the population and the set's data, (n, n_set, n_param)."""
@@ -90,7 +90,7 @@ class SetLikelihoods:
         return SetLikelihoods(ids=tuple(self.ids[j] for j in pick), centre=self.centre[pick], value=self.value[pick],
                               gradient=self.gradient[pick], precision=self.precision[pick])
 
-    def without(self, number: int) -> SetLikelihoods:
+    def leave_out(self, number: int) -> SetLikelihoods:
         return self.chosen([j for j in range(len(self.ids)) if j != number])
 
 

@@ -110,7 +110,7 @@ def joint_posterior(
                            weight=frozen_array(np.full(len(each), 1 / len(each))))
         theta = proposal.draw(n_draw, rng)
         u = coordinates.transform(theta)
-        log_weight = parameters.log_density(theta) + likelihoods.at(u) - proposal.log_density(theta)
+        log_weight = parameters.log_density(theta) + likelihoods.evaluate(u) - proposal.log_density(theta)
         smooth, k = smoothed_weights(log_weight)
         peak = log_weight.max()
         evidence = float(peak + np.log(np.mean(np.exp(log_weight - peak))))
@@ -192,7 +192,7 @@ def view_sets(
     centres = np.array([_hold_inside_bounds(x.theta, parameters, coordinates) for x in maxima])
     shared = shared_error(problems, centres, coordinates)
     scales = learn_scales(shared, prior, tau)
-    noise = shared.without(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
+    noise = shared.conditioned_on(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
     first = sample_population(linearise(noise, centres, coordinates), parameters, coordinates, target_ess=FIRST_ESS,
                               r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
@@ -200,9 +200,9 @@ def view_sets(
     centres = np.array([_hold_inside_bounds(x, parameters, coordinates) for x in coordinates.back(middle)])
     shared = shared_error(problems, centres, coordinates)
     expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
-    likelihoods = linearise(noise := shared.without(expected, scales.new), centres, coordinates)
+    likelihoods = linearise(noise := shared.conditioned_on(expected, scales.new), centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
-    at_one = Common.of(_linearise_at_one(shared, scales, parameters, coordinates, prior), prior)
+    at_one = Common.from_error(_linearise_at_one(shared, scales, parameters, coordinates, prior), prior)
     sampled = (parameters, coordinates, prior, rng)
     alone = [joint_posterior(each, *sampled, n_draw=N_ALONE) for each in at_one.of_each(shared)]
     joint = joint_posterior(at_one.of_all(), *sampled)
@@ -283,7 +283,7 @@ class Common:
     each: list[Inner]
 
     @classmethod
-    def of(cls, error: SharedError, prior: GaussianPrior) -> Common:
+    def from_error(cls, error: SharedError, prior: GaussianPrior) -> Common:
         scales = learn_scales(error, prior)
         return cls(error, scales, error.each(scales.new))
 
@@ -316,7 +316,7 @@ def _cross_validate(likelihoods, common: Common, population: Population, lent, a
     k, refitted = np.empty(n), np.zeros(n, bool)
     whole = joint_posterior(common.of_sets(range(n)), *sampled).log_evidence
     for j in range(n):
-        rest = likelihoods.without(j)
+        rest = likelihoods.leave_out(j)
         others = common.of_sets([k for k in range(n) if k != j])
         one[j] = whole - joint_posterior(others, *sampled, n_draw=N_ALONE).log_evidence
         many[j], k[j] = population_left_out(population, j)

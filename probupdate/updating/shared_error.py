@@ -57,7 +57,7 @@ class Inner:
     constant: float
     kind: np.ndarray
 
-    def known(self, e: np.ndarray) -> Inner:
+    def given_error(self, e: np.ndarray) -> Inner:
         """With what is common taken as known, e (n_common,) in its own units."""
         n = len(self.middle) + 1
         turn = np.zeros((len(self.products), n))
@@ -255,14 +255,14 @@ class SharedError:
         nothing = np.zeros((1, 0))
 
         def gap(inner: Inner) -> float:
-            held = inner.known(expected).evidence(nothing, prior)[0]
+            held = inner.given_error(expected).evidence(nothing, prior)[0]
             return float(held - special.logsumexp(weight + inner.evidence(std, prior)))
 
         rest = [replace(whole, products=whole.products - one.products, constant=whole.constant - one.constant)
                 for one in each]
         return gap(whole) - np.array([gap(one) for one in rest])
 
-    def without(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
+    def conditioned_on(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
         """Each set with what is new in it alone, and what is common (n_common,) taken as known."""
         found = []
         for problem, B in zip(self.problems, self.effect, strict=True):
@@ -304,7 +304,7 @@ class AveragedDensity:
     gradient: np.ndarray
     precision: np.ndarray
 
-    def at(self, u: np.ndarray) -> np.ndarray:
+    def evaluate(self, u: np.ndarray) -> np.ndarray:
         """(n,) of u (n, n_param)."""
         d = u - self.middle
         i, j = np.triu_indices(d.shape[1])

@@ -82,7 +82,7 @@ class Case:
     weights: Weights
 
     @classmethod
-    def of(
+    def prepare(
         cls, model: GivenModel, modes: str | Path | ModalData, likelihood: LikelihoodSettings, *,
         parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
         progress: Progress = silent,
@@ -173,7 +173,7 @@ def update(
     from probupdate.updating.runs import deterministic_update
 
     refuse_other_value("settings", settings, UpdateSettings)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
+    case = Case.prepare(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     record = deterministic_update(case.model, case.joint.data, weights=case.weights, settings=settings,
                                   every=case.data, seen_hz=uncompared_hz(modes, case.data), model_at=case.model_at,
@@ -209,7 +209,7 @@ def sample(
     refuse_other_value("settings", settings, SamplerSettings)
     out = Path(out)
     chain = out.with_name(out.name + ".chain")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
+    case = Case.prepare(model, modes, likelihood, parameters=parameters, set_id=set_id, every_mode=every_mode,
                    progress=progress)
     with sole_writer(chain):
         posterior = sample_posterior(case.model, case.joint.data, chain, weights=case.weights,
@@ -277,7 +277,7 @@ def sets(
     whole = compared_modes(modes, only=likelihood.modes)
     # what all sets are weighed by is not learnt from one that is none of them
     kept, _ = without_outliers(whole)
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
+    case = Case.prepare(model, modes, likelihood, parameters=parameters, set_id=kept.set().id, progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, common=tuple(common),
                      correlated=correlated, spread=spread, seed=seed, progress=progress)
 
@@ -307,7 +307,7 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
-    case = Case.of(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
+    case = Case.prepare(model, modes, likelihood, parameters=parameters, set_id=set_id, progress=progress)
     joint = case.joint.data
     problem = build_problem(case.model, joint, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])

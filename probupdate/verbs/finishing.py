@@ -187,7 +187,7 @@ def _sampled_problem(
     if modes is None:
         return None
     if weights is None:
-        case = Case.of(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
+        case = Case.prepare(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
     else:
         data = compared_modes(modes, None, False, likelihood.modes)
         case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,

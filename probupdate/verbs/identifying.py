@@ -128,7 +128,7 @@ def identify_shard(
     opened = read_campaign(campaign)
     sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
     chosen, _ = ssi_settings([opened], model, settings, sought.modes)
-    share = shard if isinstance(shard, Shard) else Shard.of(shard)
+    share = shard if isinstance(shard, Shard) else Shard.parse(shard)
     return identify_campaign_shard(opened, share, settings=chosen, store=store, jobs=jobs, progress=progress)
 
 

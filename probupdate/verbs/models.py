@@ -118,7 +118,7 @@ class ModelAt:
             # its TOML states no tolerances of the structure
             known = SensorUncertainty(model=opened, sensors=subdyn_sensors(path))
         elif path is not None and self.turns:
-            known = TurbineUncertainty.of(path, opened, None, angle_deg)
+            known = TurbineUncertainty.from_description(path, opened, None, angle_deg)
         else:
             known = SensorUncertainty(model=opened)
         return replace(opened, uncertainty=known)

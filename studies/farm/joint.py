@@ -36,7 +36,7 @@ SHARED, OWN = [1, 2, 0, 3], [4, 5]
 N_MASS, N_MODE, N_SET, NOISE, ERROR, SPREAD, WIDE = 9, 6, 3, 0.003, 0.003, 0.25, 1.0
 # turbines differ in their springs by this share, known of each
 KNOWN = 0.1
-LAYOUT = Layout.of(ROLES, np.diag(STD**2), np.zeros(6))
+LAYOUT = Layout.from_roles(ROLES, np.diag(STD**2), np.zeros(6))
 SCALES = Scales(spread=SPREAD * STD[[0, 3]], hyper=np.zeros(3), learnt=False)
 WIDTH = WIDE * STD[SHARED]
 
@@ -83,7 +83,7 @@ class DrawnFarm:
             white = np.vstack([np.column_stack([row, A, ERROR * np.eye(N_MODE)]) for row in rows]) / NOISE
             inners.append(Inner(middle=np.zeros(6), products=white.T @ white, constant=0.0,
                                 kind=np.zeros(N_MODE, int)))  # SOURCE: standard normal
-        return FarmSystem.of(inners, LAYOUT)
+        return FarmSystem.assemble(inners, LAYOUT)
 
     def shifted(self, i: int, k: int, size: float) -> DrawnFarm:
         """With turbine i's parameter SHARED[k] off by `size`."""

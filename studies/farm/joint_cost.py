@@ -68,7 +68,7 @@ def main() -> None:
     alone = processor_s() - begun
     print(f"one turbine: update of {N_SET} sets {updated:.1f} s, sample {alone - updated:.1f} s", flush=True)
     begun = processor_s()
-    case = Case.of(MODEL, paths[0], LikelihoodSettings())
+    case = Case.prepare(MODEL, paths[0], LikelihoodSettings())
     model_at = ModelAt(MODEL, None, str(paths[0]), case.data.felt)
     turbines = []
     for k, path in enumerate(paths):

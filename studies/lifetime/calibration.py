@@ -138,7 +138,7 @@ def make_bench(folder: Path, case: str) -> Bench:
     rng = np.random.default_rng(5)
     path = model_file(folder, case)
     model = load_model(path)
-    model = replace(model, uncertainty=TurbineUncertainty.of(path, model, None, 0.0))
+    model = replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
     conditions = one_direction()
     full = fatigue_model(read_description(path), str(path), conditions)
     draws = full.parameters.draw(rng, 12)
@@ -148,7 +148,7 @@ def make_bench(folder: Path, case: str) -> Bench:
     girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
     spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
     few = full.select(spots).reduced(draws)
-    curve = DamageCurve.of(few.solve(few.parameters.initial))
+    curve = DamageCurve.from_stress(few.solve(few.parameters.initial))
     kept = folder / f"direct.{'named' if case == 'scour-named' else 'own'}.npy"
     if not kept.exists():
         given = FatigueInput(file=Path("fatigue.toml"), problem=_Shell(model), laplace=_At(few.parameters.initial))
@@ -243,7 +243,8 @@ def _effective(weight: np.ndarray) -> float:
 def as_built():
     """The reference model as built with its tolerances."""
     model = load_model(reference_model("as_built"))
-    return replace(model, uncertainty=TurbineUncertainty.of(reference_model("as_built"), model, None, 0.0))
+    path = reference_model("as_built")
+    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
 
 
 class _Shell:

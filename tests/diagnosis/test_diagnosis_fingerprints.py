@@ -33,7 +33,7 @@ def prepared(frame_file):
 
 
 def identified(small, field, theta, effect=None, size=0.0):
-    local = small.at(theta)
+    local = small.evaluate(theta)
     modes = local.solve()
     shape, groups = field.group_members(local, modes)
     for members in groups:
@@ -56,7 +56,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record, 
         for c in blocks.channels
     )
     effects = (*prepared.effects, *measurement_effects(blocks.channels, sensors))
-    local = small.at(theta)
+    local = small.evaluate(theta)
     (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
     for q in range(2):
         found = effect_signatures(effects, small.parameters.names, [(here[q], field.axes[q])])[0]
@@ -86,7 +86,7 @@ def test_a_logger_turns_each_mode_of_a_pair_by_its_own_frequency(prepared, recor
                   observe=(Delay if cause == "clock offset" else LowPass)((0, 3, 4)))
     swap = Effect(kind="measurement", cause="swapped channels", location="two", unit="-", tolerance=0.0,
                   prior_scale=1.0, observe=Swap(0, 1))
-    seen = observe(field.references(small.at(theta), 0.0), [(late, 54.0), (swap, 1.0)])
+    seen = observe(field.references(small.evaluate(theta), 0.0), [(late, 54.0), (swap, 1.0)])
     for q, (f, shape) in enumerate(identified(small, field, theta)):
         # the cable before the logger
         turned = late.seen(swap.seen(shape, f, 1.0)[0], f, 54.0)[0]
@@ -108,7 +108,7 @@ def test_one_basis_serves_every_nacelle_angle(validation):
     assert small.frequency_error < 1e-3
     # an angle that none of the five is
     exact = load_model(path, nacelle_angle_deg=37.0).solve(p.initial, 5, derivatives=True, clusters=((0, 1), (3, 4)))
-    local = small.at(p.initial)
+    local = small.evaluate(p.initial)
     modes = local.solve(37.0)
     row.error(modes.frequency_hz[:5] / exact.frequency_hz - 1, 1e-4, "frequencies")
     slopes = local.slopes(range(len(p)))
@@ -142,11 +142,11 @@ def test_matrices_about_the_priors_centre_are_those_of_all_terms(turbine, valida
         theta[chosen] += (number > 0) * 0.3 * rng.standard_normal(len(chosen)) * p.std[chosen]
         theta = np.clip(theta, p.lower, p.upper)
         for model, at in ((small, theta), (wider, np.append(theta, 2.0)), (wider, np.append(theta, 0.0))):
-            for found, terms, weight in zip(model.at(at).matrices(), (model.stiffness, model.mass),
+            for found, terms, weight in zip(model.evaluate(at).matrices(), (model.stiffness, model.mass),
                                             model.coefficients(at), strict=True):
                 plain = terms[0].total(weight)
                 row.error((found - plain) / np.abs(plain).max(), 1e-11)
-    bare, same = small.at(theta).solve(40.0), wider.at(np.append(theta, 0.0)).solve(40.0)
+    bare, same = small.evaluate(theta).solve(40.0), wider.evaluate(np.append(theta, 0.0)).solve(40.0)
     assert np.array_equal(bare.frequency_hz, same.frequency_hz) and np.array_equal(bare.vectors, same.vectors)
 
 
@@ -164,7 +164,7 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, 
     before = whole.solve(start, 5).frequency_hz
     # the coupled blades' own mode, which only the small model's catalogue has, is not a mode of the whole one
     others = [0, 1, 3, 4, 5]
-    small_before = turbine.small.at(small_start).solve().frequency_hz[others]
+    small_before = turbine.small.evaluate(small_start).solve().frequency_hz[others]
     row.error(small_before / before - 1, 3e-4, "frequencies")
     for effect in rows[::3]:
         size = effect.prior_scale if effect.upper > 0 else -effect.prior_scale
@@ -172,7 +172,7 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine, 
         moved[names.index(effect.adds.name)] += size
         small_moved[small_names.index(effect.adds.name)] += size
         change = np.log(whole.solve(moved, 5).frequency_hz / before)
-        found = np.log(turbine.small.at(small_moved).solve().frequency_hz[others] / small_before)
+        found = np.log(turbine.small.evaluate(small_moved).solve().frequency_hz[others] / small_before)
         row.error(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3), 0.1, "changes", case=effect.name)
 
 
@@ -191,7 +191,7 @@ def test_what_is_left_of_a_lost_stiffness_moves_on_the_small_basis_too(turbine, 
             moved, small_moved = np.array(whole.parameters.initial), np.array(turbine.small.parameters.initial)
             k = names.index(effect.adds.name)
             moved[k] = small_moved[small_names.index(effect.adds.name)] = max(kept, whole.parameters.items[k].lower)
-            found = turbine.small.at(small_moved).solve().frequency_hz
+            found = turbine.small.evaluate(small_moved).solve().frequency_hz
             # without the coupled blades' own mode
             found = np.delete(found, np.argmin(np.abs(found - 0.7)))[:5]
             row.error(found / whole.solve(moved, 5).frequency_hz - 1, 1e-3, "frequencies", case=(effect.name, kept))
@@ -210,7 +210,7 @@ def test_sensors_move_on_the_small_basis_as_in_the_whole_model(turbine, validati
     def sensor_at(name, h):
         theta = np.array(small.parameters.initial)
         theta[small.parameters.names.index(name)] = h
-        return small.at(theta)
+        return small.evaluate(theta)
 
     def like(shape, other):
         return shape * np.sign(np.sum(shape * other, axis=0))
@@ -251,7 +251,7 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine, v
                      why="(10 deg)^2 / 8 of the largest, four times that for what turns twice as fast")
     record = simulate_modes(truth={}, seed=3, days=2.0, n_block=12).data
     problem, theta = diagnosis_problem(turbine, record)
-    local = problem.predictor.small.at(theta)
+    local = problem.predictor.small.evaluate(theta)
     names = problem.predictor.parameters.names
     angles = np.array([14.0, 187.0, 355.0, 358.0])
     lines = signatures_at(problem.predictor, local, problem.effects, names, angles)
@@ -283,7 +283,7 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
         if number:
             # a tenth of the standard deviation, so that only what is of first order counts
             theta[rows] += 0.1 * rng.multivariate_normal(np.zeros(len(rows)), covariance)
-        local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
+        local = field.small.evaluate(np.clip(theta, field.parameters.lower, field.parameters.upper))
         made.append([f[0, :, 0] for f in signatures_at(field, local, [water], names, problem.bins[0][:1])])
     precision = fitted.design.noise.precision
     lengths = [sum(x @ P @ y for x, P, y in zip(own, precision, made[0], strict=True)) for own in made]

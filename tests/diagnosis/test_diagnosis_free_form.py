@@ -189,7 +189,7 @@ def test_masses_on_springs_are_not_estimated_all_at_once(frame):
     assert (first.cause, first.location) == (PART_CAUSES[0], "[ 0.  0. 12.], along 0 deg")
     heavy = np.array(theta)
     heavy[[one.column for one in wider.small.tuned]] = 1.0
-    local = wider.small.at(heavy)
+    local = wider.small.evaluate(heavy)
     assert local.n_search > N_CORE == local.solve(0.0, local.n_search).frequency_hz.size
 
 
@@ -212,16 +212,16 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
     both[[2 * storey, 2 * storey + 1, -1]] = np.sqrt(0.5), np.sqrt(0.5), -1.0
     K += 200.0 * (2 * np.pi * hz) ** 2 * np.outer(both, both)
     M[-1, -1] = 200.0
-    modes = small.at(theta).solve()
+    modes = small.evaluate(theta).solve()
     row.error(modes.frequency_hz / (np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)) - 1, 1e-9, "frequencies")
     clusters = [[k] for k in range(6)]
 
     def slopes_at(point):
-        local = small.at(point)
+        local = small.evaluate(point)
         return local, local.derivatives(local.slopes([one.column, one.tuning]), [(0.0, local.solve(), clusters)])[0]
 
     def value_and_shape(point, k, like):
-        local = small.at(point)
+        local = small.evaluate(point)
         found = local.solve()
         shape = local.at_channels @ found.vectors[:, k]
         return (2 * np.pi * found.frequency_hz[k]) ** 2, shape * np.sign(shape @ like)
@@ -239,13 +239,13 @@ def test_a_mass_on_springs_has_the_modes_and_slopes_of_the_whole_equations(frame
             row.error(np.abs(change[:, 0, p] - slope).max() / max(np.abs(slope).max(), least), 2e-3, "shapes")
     none, small_one = theta.copy(), theta.copy()
     none[one.column], small_one[one.column] = 0.0, 1e-3
-    own, with_it = slopes_at(none)[1], small.at(small_one).solve()
+    own, with_it = slopes_at(none)[1], small.evaluate(small_one).solve()
     apart = int(np.argmin(np.abs(with_it.frequency_hz - hz)))
     value = (2 * np.pi * np.delete(with_it.frequency_hz, apart)[:6]) ** 2
     away = np.abs(1 - value / one.square(theta))
     smooth = 1 / (1 + (0.05 / away) ** 2)
     slope = np.array([coupling[0, 0, 0] for coupling, _ in own])
-    expected = (value - (2 * np.pi * small.at(none).solve().frequency_hz[:6]) ** 2) / 1e-3
+    expected = (value - (2 * np.pi * small.evaluate(none).solve().frequency_hz[:6]) ** 2) / 1e-3
     row.error((slope - smooth * expected) / np.abs(expected).max(), 1e-3, "not there yet")
 
 
@@ -467,7 +467,7 @@ def test_attached_parts_are_the_full_models(frame, validation):
     K[2 * node + 1, 2 * node + 1] += 2e5
     M[2 * node : 2 * node + 2, 2 * node : 2 * node + 2] += 300.0 * np.eye(2)
     expected = np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)
-    row.error(small.at(theta).solve().frequency_hz / expected - 1, 1e-9)
+    row.error(small.evaluate(theta).solve().frequency_hz / expected - 1, 1e-9)
 
 
 def test_points_are_where_members_meet_or_end_and_then_far_apart():

@@ -37,7 +37,7 @@ def record(beam, *, feel, stated, seed=1, n_set=40):
     scattered by 0.1 % and 0.3 %."""
     rng = np.random.default_rng(seed)
     # motion and rotation of the channels' places from the basis; what is read of them is put together here
-    local = beam.small.at(np.array(beam.small.parameters.initial))
+    local = beam.small.evaluate(np.array(beam.small.parameters.initial))
     modes = local.solve(0.0, 4)
     seen = local.at_channels @ modes.vectors[:, :4]
     n, square = len(CHANNELS), (2 * np.pi * modes.frequency_hz[:4]) ** 2

@@ -11,7 +11,7 @@ from probupdate.diagnosis.adequacy import adequacy, spanning_candidates, whiteni
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.fitting import fit
-from probupdate.diagnosis.hypotheses import without
+from probupdate.diagnosis.hypotheses import refit_without
 from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.predictor import observe
 from probupdate.diagnosis.prepare import prepare
@@ -272,7 +272,7 @@ def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record, vali
                  for channel in ("x2", "y4")]
         fitted = fit(problem, theta, included)
         # what is there makes the record more probable
-        there = [i for i in range(2) if without(problem, fitted, i)[1] < 0]
+        there = [i for i in range(2) if refit_without(problem, fitted, i)[1] < 0]
         assert fitted.settled
         row.equal(there, expected)
 

@@ -337,7 +337,7 @@ def test_equations_of_groups_that_share_unknowns_have_the_dense_solution(sizes, 
         root = rng.standard_normal((len(seen), len(seen) + 3))
         A[np.ix_(seen, seen)] += root @ root.T
     scale, right = rng.uniform(0.1, 3.0, n), rng.standard_normal((n, 4))
-    factor = ArrowFactor.of(A, groups, shared, scale, 0.0)
+    factor = ArrowFactor.factorise(A, groups, shared, scale, 0.0)
     dense = np.eye(n) + A * np.outer(scale, scale)
     exact = np.linalg.solve(dense, right)
     row.error(factor.solve(right) - exact, 1e-11, of="solution")
@@ -352,6 +352,6 @@ def test_unknowns_held_are_left_out_of_the_equations():
     A, groups = root @ root.T, [np.arange(4), np.arange(4, 6)]
     A[:4, 4:6] = A[4:6, :4] = 0.0
     right, used = rng.standard_normal((9, 2)), [*range(7), 8]
-    half = ArrowFactor.of(A, groups, np.array([6, 8]), np.full(9, 0.1), 0.0).half_solve(right)
+    half = ArrowFactor.factorise(A, groups, np.array([6, 8]), np.full(9, 0.1), 0.0).half_solve(right)
     exact = np.linalg.solve(np.eye(8) + 0.01 * A[np.ix_(used, used)], right[used])
     assert np.allclose(np.sum(half**2, axis=0), np.sum(right[used] * exact, axis=0), rtol=1e-12) and not half[7].any()

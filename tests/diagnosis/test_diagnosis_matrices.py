@@ -22,7 +22,7 @@ from probupdate.diagnosis.fitting import (
     with_candidates,
 )
 from probupdate.diagnosis.free_form import channel_response_content
-from probupdate.diagnosis.hypotheses import moves_from, transfer_noise_and_times, without
+from probupdate.diagnosis.hypotheses import moves_from, refit_without, transfer_noise_and_times
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observe
 from probupdate.diagnosis.prepare import prepare
@@ -482,7 +482,7 @@ def test_what_a_move_promises_is_what_its_fit_finds(loosened, validation):
     # a tenth of the stiffness is not quite linear
     row.error(size[number] / both.fitted.included[1].size - 1, 0.1, "size")
     row.error(gain[number] / found - 1, 0.25, "added")
-    _, lost = without(problem, both.fitted, 1)
+    _, lost = refit_without(problem, both.fitted, 1)
     row.error(lost / -found - 1, 0.25, "left out")
     # what was chosen wrongly is exchanged: the right one promises most of all that may stand in its place
     moves = moves_from(problem, wrong, add=False, best=wrong.log_posterior)

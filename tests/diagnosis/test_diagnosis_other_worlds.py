@@ -105,7 +105,7 @@ def test_a_turn_towards_a_mate_that_was_not_measured_weighs_nothing(tmp_path, va
     prepared = prepare(record.world.write(tmp_path), sensors=record.world.sensors)
     problem, theta = diagnosis_problem(prepared, record.data)
     predictor = problem.predictor
-    local = predictor.small.at(theta)
+    local = predictor.small.evaluate(theta)
     modes_there = local.solve(0.0, predictor.small.n_search)
     shape, groups = predictor.group_members(local, modes_there)
     (q,) = [q for q, members in enumerate(groups) if len(members) > len(problem.blocks.groups[q])]

@@ -78,13 +78,13 @@ def test_a_process_that_ends_by_itself_is_told_and_the_executor_works_on():
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "1/0", "a/b", "1/2/3", "-1/2"])
 def test_a_shard_that_is_none_is_refused(text):
     with pytest.raises(InputError, match="shard: .* write 1/8 for the first of eight"):
-        Shard.of(text)
+        Shard.parse(text)
 
 
 def test_shards_are_a_partition():
     items = list(range(11))
     for way in (Shard.share, Shard.chunk):
-        shares = [way(Shard.of(f"{k}/4"), items) for k in range(1, 5)]
+        shares = [way(Shard.parse(f"{k}/4"), items) for k in range(1, 5)]
         assert sorted(sum(shares, [])) == items and max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
@@ -100,7 +100,7 @@ import time
 def gently(what, done, total):
     # so that there is a moment to kill it in
     time.sleep(given["pause"])
-print(identify_shard(read_campaign(given["campaign"]), Shard.of(given["shard"]), """
+print(identify_shard(read_campaign(given["campaign"]), Shard.parse(given["shard"]), """
         """settings=SSISettings(**given["settings"]),
                      store=given["store"], progress=gently).summary)
 """)

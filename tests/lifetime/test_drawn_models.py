@@ -32,8 +32,8 @@ def softened(tmp_path_factory):
         p["update"] = p["name"] in ("k_j", "k_t", "m_h")
     (folder / "model.toml").write_text(toml(raw))
     model = load_model(folder / "model.toml")
-    soil = next(r.effect for r in TurbineUncertainty.of(folder / "model.toml", model, None, 0.0).tolerances
-                if r.effect.name == "tolerance_law_py")
+    described = TurbineUncertainty.from_description(folder / "model.toml", model, None, 0.0)
+    soil = next(r.effect for r in described.tolerances if r.effect.name == "tolerance_law_py")
     true = extended_model(folder / "model.toml", [replace(soil, initial=0.7)])
     solution = true.solve(true.parameters.initial, HIGH)
     labels = mode_character(solution.shape, model_sensors(folder / "model.toml")).labels
@@ -41,7 +41,7 @@ def softened(tmp_path_factory):
                    shape=solution.shape / np.abs(solution.shape).max(axis=0),
                    frequency_std_hz=STD * solution.frequency_hz, shape_std=np.full(solution.shape.shape, 0.01))
     data = ModalData(channels=model.channels, sets=(one,), labels=tuple(labels))
-    known = replace(model, uncertainty=TurbineUncertainty.of(folder / "model.toml", model, None, 0.0))
+    known = replace(model, uncertainty=TurbineUncertainty.from_description(folder / "model.toml", model, None, 0.0))
     problem = build_problem(known, data, weights=Weights(tolerances=True)).with_error(model.parameters.initial)
     best = maximum_a_posteriori(problem, [model.parameters.initial])
     rng = np.random.default_rng(5)

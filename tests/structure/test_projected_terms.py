@@ -40,7 +40,7 @@ def test_sums_and_products_are_those_of_dense_terms(terms, n_added, few, validat
     added = [*RNG.standard_normal((n_added, 2, R))]
     # a term that touches all, and terms without entries among those that touch little
     terms = [t * (k % 3 == 1) for k, t in enumerate(terms)] if few else terms
-    held = ProjectedTerms.of(terms, basis).with_added(added)
+    held = ProjectedTerms.project(terms, basis).with_added(added)
     dense = np.array([basis.T @ (t @ basis) for t in terms] + [rows.T @ rows for rows in added])
     assert len(held) == len(dense)
     weight = RNG.standard_normal(len(dense)) * (RNG.random(len(dense)) < 0.6)
@@ -51,7 +51,7 @@ def test_sums_and_products_are_those_of_dense_terms(terms, n_added, few, validat
     sums = vectors.T @ np.tensordot(weights, dense, 1)
     row.error(held.times(weights, vectors, np.eye(R)) - sums, below=1e-11)
     row.error(held.times(weights, vectors, onto) - sums @ onto, below=1e-11)
-    row.error(held.between(weight, vectors) - vectors.T @ np.tensordot(weight, dense, 1) @ vectors, below=1e-11)
+    row.error(held.project_between(weight, vectors) - vectors.T @ np.tensordot(weight, dense, 1) @ vectors, below=1e-11)
     sparse_ones = np.abs(weight[: len(terms)])
     touched = np.flatnonzero(np.abs(sum(w * abs(t) for w, t in zip(sparse_ones, terms, strict=True))).sum(axis=0))
     assert np.array_equal(held.rows(weight), touched)

@@ -54,7 +54,7 @@ def on_basis(model: AffineModel, n_mode: int):
 def worst(model: AffineModel, small, n_mode: int) -> float:
     """Largest relative error of frequencies at ten draws that nobody looked at."""
     theta = model.parameters.draw(np.random.default_rng(5), 10)
-    return max(float(np.max(np.abs(small.at(row).solve(0.0, n_mode).frequency_hz
+    return max(float(np.max(np.abs(small.evaluate(row).solve(0.0, n_mode).frequency_hz
                                    / model.solve(row, n_mode).frequency_hz - 1))) for row in theta)
 
 

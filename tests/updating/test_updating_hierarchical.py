@@ -68,7 +68,8 @@ def test_the_integral_over_a_sets_parameters_is_the_density_of_its_data(validati
     expected = stats.multivariate_normal(mean, covariance).logpdf(frequencies) + constant
     row.error(value - expected, below=1e-6)
     # no scatter at all: the likelihood itself
-    assert found.marginal(TRUTH[None], np.zeros((1, 3, 3)))[0] == pytest.approx(found.at(TRUTH[None])[0], abs=1e-9)
+    alone = found.evaluate(TRUTH[None])[0]
+    assert found.marginal(TRUTH[None], np.zeros((1, 3, 3)))[0] == pytest.approx(alone, abs=1e-9)
 
 
 def test_draws_of_a_sets_own_parameters_are_its_conditional():
@@ -199,7 +200,7 @@ def test_one_posterior_of_all_sets_is_the_closed_form(validation):
     _, coordinates, problems = likelihoods_of(frequencies)
     error = shared_error(problems, np.tile(LINEAR_PARAMETERS.initial, (N_SET, 1)), coordinates)
     normal = gaussian_prior(LINEAR_PARAMETERS, coordinates)
-    joint = joint_posterior(Common.of(error, normal).of_all(), LINEAR_PARAMETERS, coordinates, normal,
+    joint = joint_posterior(Common.from_error(error, normal).of_all(), LINEAR_PARAMETERS, coordinates, normal,
                             np.random.default_rng(2))
     W, prior = np.diag(1 / (NOISE * LINEAR_HZ) ** 2), np.linalg.inv(LINEAR_PARAMETERS.covariance)
     P = np.linalg.inv(N_SET * SLOPE.T @ W @ SLOPE + prior)

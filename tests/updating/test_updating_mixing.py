@@ -123,7 +123,7 @@ def test_modes_that_all_sets_mix_alike_are_a_block_of_ones(validation, mixing):
     coordinates, theta = coordinates_of(PARAMETERS), np.array([1.05, 0.95, 1.0])
     error = shared_error(problems, np.tile(theta, (3, 1)), coordinates)
     scales = Scales(new=(0.002, 0.003), shared=(0.004, 0.006, mixing))
-    found = error.likelihoods(total(error.each(scales.new)), [scales]).at(coordinates.transform(theta)[None])[0]
+    found = error.likelihoods(total(error.each(scales.new)), [scales]).evaluate(coordinates.transform(theta)[None])[0]
     std = error.common_std(np.array([scales.shared]))[0]
     B = np.vstack([e * std for e in error.effect])
     quiet = [p.noise_alone(scales.new) for p in problems]

@@ -166,7 +166,7 @@ def test_the_response_to_a_gain_is_its_finite_difference(validation):
 def turbine():
     path = reference_model("as_built")
     model = load_model(path)
-    return replace(model, uncertainty=TurbineUncertainty.of(path, model, None, 0.0))
+    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
 
 
 def test_every_source_of_a_turbine_has_a_standard_deviation_and_a_group(turbine):
@@ -204,7 +204,7 @@ def test_bernoulli_euler_members_are_expected_to_be_stiff(tmp_path, validation):
     path = tmp_path / "model.toml"
     path.write_text(text.replace('theory = "timoshenko"', 'theory = "bernoulli-euler"'), encoding="utf-8")
     euler, timoshenko = load_model(path), load_model(reference_model("as_built"))
-    known = TurbineUncertainty.of(path, euler, None, 0.0)
+    known = TurbineUncertainty.from_description(path, euler, None, 0.0)
     theta = euler.parameters.initial
     change = known.changes(theta, 5, ((0, 1), (3, 4))).frequency_derivative @ np.array([s.mean for s in known.sources])
     apart = timoshenko.solve(theta, 5).frequency_hz - euler.solve(theta, 5).frequency_hz
@@ -252,7 +252,7 @@ def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear, valid
     for u in (parameters.initial, parameters.initial + [0.1, -0.2, 0.05]):
         left = y - stacked @ (u - parameters.initial)
         dense = -0.5 * left @ np.linalg.solve(covariance, left) - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
-        checked.error(found.at(u[None])[0] - dense, below=1e-8)
+        checked.error(found.evaluate(u[None])[0] - dense, below=1e-8)
     # four sets narrow the noise and leave what they share
     W, one = np.linalg.inv(covariance), np.linalg.inv(np.diag(problem.std**2) + B @ B.T)
     together, alone = stacked.T @ W @ stacked, S.T @ one @ S
@@ -274,7 +274,7 @@ def test_a_discrepancy_that_sets_share_is_a_block_of_ones(linear, validation, ne
     coordinates = coordinates_of(parameters)
     error = shared_error(problems, np.tile(parameters.initial, (5, 1)), coordinates)
     scales = Scales(new=(new, 0.0), shared=(shared, 0.0, 0.0))
-    found = error.likelihoods(total(error.each(scales.new)), [scales]).at(coordinates.transform(theta)[None])[0]
+    found = error.likelihoods(total(error.each(scales.new)), [scales]).evaluate(coordinates.transform(theta)[None])[0]
     kept = np.isfinite(frequencies)
     f, mode = frequencies[kept], np.nonzero(kept)[1]
     residual = f - problems[0].predict(theta)[mode]
@@ -303,7 +303,7 @@ def test_what_all_sets_miss_alike_is_not_averaged_out(validation):
         learnt = estimate_discrepancy(model, data, weights=weights, clusters=single)
         problems = [build_problem(model, data, set_id=s.id, weights=learnt, clusters=single) for s in data.sets]
         error = shared_error(problems, np.tile(model.parameters.initial, (9, 1)), coordinates)
-        found = joint_posterior(Common.of(error, prior).of_all(), model.parameters, coordinates, prior, rng)
+        found = joint_posterior(Common.from_error(error, prior).of_all(), model.parameters, coordinates, prior, rng)
         below = found.weight @ (found.theta < theta)
         inside += list((below > 0.05) & (below < 0.95))
     # parameters of one structure go together: forty times one of them
