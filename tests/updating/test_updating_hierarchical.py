@@ -187,7 +187,7 @@ def test_leaving_a_set_out_by_weights_and_by_sampling_without_it_agree(populatio
                      why="both sums are known to some hundredths", unit="nat")
     found, coordinates, drawn = population
     by_weights, k = population_left_out(drawn, 4)
-    again = sample_population(found.without(4), LINEAR_PARAMETERS, coordinates, seed=5)
+    again = sample_population(found.leave_out(4), LINEAR_PARAMETERS, coordinates, seed=5)
     # both sums are known to some hundredths of a nat at these effective sizes
     assert k < 0.7
     row.error(by_weights - population_score(again, found, 4), below=0.15)

@@ -323,7 +323,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, vali
     shared, none = shared_error(problems, centres, coordinates), Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     normal = parameters.initial, np.diag(parameters.std**-2.0)
     expected = shared.expected(none.new, [none], np.full(3, 1e-9), normal)
-    noise = linearise(shared.without(expected, none.new), centres, coordinates)
+    noise = linearise(shared.conditioned_on(expected, none.new), centres, coordinates)
     prior = np.diag(parameters.std**-2.0)
     K = noise.precision.sum(axis=0) + prior
     rng = np.random.default_rng(9)
