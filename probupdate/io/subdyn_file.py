@@ -29,6 +29,9 @@ BEAMS = ("circular", "rectangular", "arbitrary")
 SETS = {"circular": ((6,), "NPropSets"), "rectangular": ((7,), "NPropSets"), "arbitrary": ((10, 11), "NXPropSets"),
         "cable": ((4, 5), "NCablePropSets"), "rigid": ((2,), "NRigidPropSets"), "spring": ((22,), "NSpringPropSets"),
         "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}
+# what the heading of one alone says, also in older files
+HEADED = {"cable": "CABLE PROP", "rigid": "RIGID LINK", "spring": "SPRING ELEM", "cosine": "COSINE MATRICES",
+          "mass": "CONCENTRATED MASS"}
 # how many of them a file has shows its layout
 ORDERS = {
     4: ("circular", "arbitrary", "cosine", "mass"),
@@ -225,14 +228,15 @@ class _Reader:
             if value is None:
                 break
             values.append(value)
-        fitting = [n for n in allowed if len(values) >= n]
-        if not fitting:
+        most = max(allowed)
+        # between two widths a row of the wider one lacks its end
+        if len(values) < most and len(values) not in allowed:
             wanted = " or ".join(str(n) for n in allowed)
             odd = f", the next is '{found[len(values)]}'" if len(values) < len(found) else ""
             self.fail(f"{len(values)} numbers in a row of {title}{odd}, {wanted} expected", "complete the row", line)
-        if any(values[max(allowed) :]):
+        if any(values[most:]):
             self.beyond.setdefault(title, []).append(line)
-        return values[: max(fitting)]
+        return values[:most]
 
     def passed_over(self) -> list[str]:
         """A sentence for each table with numbers behind its columns."""
@@ -461,6 +465,10 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
         heading = r.heading(f"table {len(found) + 1} behind the members")
         following = words(r.peek())
         if not following or integer(following[0]) is None:
+            if any(words(line) for line in r.lines[start:]) and not _is_logical(r.peek()):
+                r.fail(f"'{heading.strip()[:40]}' is neither the heading of a table, with its count below, nor that of "
+                       "the OUTPUT section, with SumPrint below", "take out blank lines and comments between tables: "
+                       "SubDyn reads by place")
             r.at = start
             break
         titles.append(heading.upper())
@@ -473,7 +481,11 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
                "expected (circular, rectangular, arbitrary, cable, rigid, spring, cosine matrices, masses)",
                "put back the missing one, with a count of 0 if it is empty")
     tables = {kind: () for kind in SETS}
-    for kind, (_, rows) in zip(order, found, strict=True):
+    for kind, title, (at, rows) in zip(order, titles, found, strict=True):
+        named = {own for own, words_of in HEADED.items() if words_of in title}
+        if rows and named and kind not in named:
+            r.fail(f"the heading '{title.strip(' -')[:40]}' stands where SubDyn reads the {kind} table",
+                   f"bring the tables into SubDyn's order: {', '.join(order)}", at - 1)
         columns, result, seen = SETS[kind][0], [], {}
         for line, row in rows:
             values = r.numbers(line, row, columns, f"the {kind} table")

@@ -117,6 +117,10 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
         ("             1   FEMMod", "             2   FEMMod", ["FEMMod 2", "3 (Timoshenko)"]),
         ("---- SPRING ELEMENT PROPERTIES ----\n   0   N - number of them\nnames of columns\n(-) (-)\n",
          "---- SPRING ----\n", ["line"]),
+        # what looked like a shorter layout, without masses
+        ("---- MEMBER COSINE", "\n---- MEMBER COSINE", ["neither the heading of a table", "take out blank lines"]),
+        ("---- JOINT ADD", "! ours\n---- JOINT ADD", ["'! ours'", "neither the heading of a table"]),
+        ("2 0 0 10 1 0 0 0 0", "2 0 0 10 4 0 0 0", ["8 numbers in a row of the joints, 4 or 9 expected"]),
     ],
 )
 def test_mistakes_name_file_and_line(tmp_path, old, new, words_of):
@@ -131,6 +135,19 @@ def test_mistakes_name_file_and_line(tmp_path, old, new, words_of):
     assert str(path) in str(error.value) and "line" in error.value.where
     for words in words_of:
         assert words in str(error.value)
+
+
+@pytest.mark.parametrize("row", ["2 1e3 1 2 3 4 5 6", "2 1e3 1 2 3 4 5 6 7 8"])
+def test_a_mass_without_its_last_columns_is_refused(tmp_path, row):
+    with pytest.raises(InputError, match="numbers in a row of the mass table, 5 or 11 expected"):
+        read_subdyn(write(tmp_path, cantilever(mass=[row])))
+
+
+def test_tables_in_another_order_than_subdyns_are_refused(tmp_path):
+    text = cantilever(mass=["2 1e3 1 2 3 4 5 6 7 8 9"])
+    start, middle, end = (text.index(f"---- {name}") for name in ("MEMBER COSINE", "JOINT ADD", "OUTPUT"))
+    with pytest.raises(InputError, match="MASSES' stands where SubDyn reads the cosine table"):
+        read_subdyn(write(tmp_path, text[:start] + text[middle:end] + text[start:middle] + text[end:]))
 
 
 @pytest.mark.parametrize("cut", [1, 9, 20, 30, 40, 47, 60])
