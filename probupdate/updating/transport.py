@@ -48,8 +48,8 @@ class Transport:
 
     def _conditional_scale(self, k: int, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle and ln of the scatter (n,) of the k-th number given those before it (n, k)."""
-        straight, bent = self.columns[k](before)
-        return bent @ self.middle[k], np.clip(straight @ self.ln_scale[k], *_limits(self.ln_scale[k]))
+        return (self.columns[k].combine(before, self.middle[k]),
+                np.clip(self.columns[k].combine(before, self.ln_scale[k]), *_limits(self.ln_scale[k])))
 
     def draw(self, n: int, random) -> np.ndarray:
         """(n, n_param); draws may lie outside the parameters' bounds. `random` has uniform(size=n)."""
@@ -92,40 +92,62 @@ class _Columns:
     def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
         return np.triu_indices(len(self.knots))
 
+    @property
+    def n_straight(self) -> int:
+        k, n_knot = self.knots.shape
+        return 1 + k * (n_knot - 1)
+
     @cached_property
     def _width(self) -> np.ndarray:
         return 6 * np.diff(self.knots[:, :2], axis=1)
 
-    def raw(self, before: np.ndarray) -> np.ndarray:
-        x = np.clip(before, -FARTHEST, FARTHEST)
+    def _lines(self, x: np.ndarray) -> np.ndarray:
         beyond = np.maximum(x[:, :, None] - self.knots, 0.0)
         # a power of three is three times as slow
         cubes = beyond**2
         cubes *= beyond
         # each has the second derivative of a roof over three knots
         splines = np.diff(cubes, n=2, axis=2) / self._width
+        return np.concatenate([x, splines.reshape(len(x), -1)], axis=1)
+
+    def raw(self, before: np.ndarray) -> np.ndarray:
+        x = np.clip(before, -FARTHEST, FARTHEST)
         i, j = self._pairs
-        return np.concatenate([x, splines.reshape(len(x), -1), x[:, i] * x[:, j]], axis=1)
+        return np.concatenate([self._lines(x), x[:, i] * x[:, j]], axis=1)
 
-    def __call__(self, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        columns = np.concatenate([np.ones((len(before), 1)), self.raw(before) - self.centre], axis=1)
-        k, n_knot = self.knots.shape
-        return columns[:, : 1 + k * (n_knot - 1)], columns
+    def centred(self, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        columns = np.concatenate([np.ones((len(raw), 1)), raw - self.centre], axis=1)
+        return columns[:, : self.n_straight], columns
 
+    def combine(self, before: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
+        """(n,) the columns of the scatter or of the middle, as many as there are coefficients, times these: products
+        as a quadratic form, which costs a tenth of theirs one by one."""
+        if not coefficient[1:].any():
+            return np.full(len(before), coefficient[0])
+        x = np.clip(before, -FARTHEST, FARTHEST)
+        lines = coefficient[1 : self.n_straight]
+        total = coefficient[0] - self.centre[: len(coefficient) - 1] @ coefficient[1:] + self._lines(x) @ lines
+        if len(coefficient) > self.n_straight:
+            form = np.zeros((len(self.knots),) * 2)
+            form[self._pairs] = coefficient[self.n_straight :]
+            total += np.einsum("nk,nk->n", x @ form, x)
+        return total
 
-def _columns(before: np.ndarray, weight: np.ndarray, counts: float) -> _Columns:
-    """Of draws (n, k) with weights (n,), `counts` of which count."""
-    k = before.shape[1]
-    number = int(min(counts / (PER_KNOT * max(k, 1)), MOST_KNOTS))
-    # two knots make no spline
-    number = 2 if number < FEWEST_KNOTS else number
-    knots = np.empty((k, number))
-    for i in range(k):
-        order = np.argsort(before[:, i])
-        ends = np.interp([BEYOND, 1 - BEYOND], np.cumsum(weight[order]), before[order, i])
-        knots[i] = np.linspace(*ends, number)
-    blank = _Columns(knots=frozen_array(knots), centre=np.zeros(1))
-    return _Columns(knots=blank.knots, centre=frozen_array(weight @ blank.raw(before)))
+    @classmethod
+    def fitted(cls, before: np.ndarray, weight: np.ndarray, counts: float) -> tuple[_Columns, np.ndarray, np.ndarray]:
+        """Of draws (n, k) with weights (n,), `counts` of which count, with their values at these draws."""
+        k = before.shape[1]
+        number = int(min(counts / (PER_KNOT * max(k, 1)), MOST_KNOTS))
+        # two knots make no spline
+        number = 2 if number < FEWEST_KNOTS else number
+        knots = np.empty((k, number))
+        for i in range(k):
+            order = np.argsort(before[:, i])
+            ends = np.interp([BEYOND, 1 - BEYOND], np.cumsum(weight[order]), before[order, i])
+            knots[i] = np.linspace(*ends, number)
+        raw = cls(knots=knots, centre=np.zeros(1)).raw(before)
+        found = cls(knots=frozen_array(knots), centre=frozen_array(weight @ raw))
+        return found, *found.centred(raw)
 
 
 def _limits(ln_scale: np.ndarray) -> tuple[float, float]:
@@ -144,32 +166,53 @@ def fit_transport(theta: np.ndarray, weight: np.ndarray, like: GaussianApproxima
     counts = 1 / np.sum(weight**2)
     columns, middle, ln_scale = [], [], []
     for k in range(x.shape[1]):
-        columns.append(_columns(x[:, :k], weight, counts))
-        straight, bent = columns[k](x[:, :k])
-        own_weight, ln, left, of_scatter = weight, np.zeros(straight.shape[1]), 1.0, None
-        for _ in range(ROUNDS if k else 1):
-            normal = _normal(bent, own_weight, counts / left)
-            # of the first round, whose weights are the draws' own, the scatter's are a part in every round
-            of_scatter = normal[: len(ln), : len(ln)] if of_scatter is None else of_scatter
-            coefficient = np.linalg.solve(normal, (own_weight * x[:, k]) @ bent)
-            off = x[:, k] - bent @ coefficient
-            along = np.clip(straight @ ln, *_limits(ln)) if k else np.full(len(x), ln[0])
-            # one step of scoring for a scatter that is log-linear
-            excess = off**2 * np.exp(-2 * along)
-            mean_excess = weight @ excess
-            left = min(float(own_weight @ off**2), 1.0)
-            step = np.linalg.solve(of_scatter, (weight * 0.5 * (np.minimum(excess / mean_excess, 9.0) - 1)) @ straight)
-            step[0] = 0.5 * np.log(max(mean_excess, 1e-24))
-            ln = ln + step
-            own_weight = weight * np.exp(-2 * (np.clip(straight @ ln, *_limits(ln)) - ln[0]))
-            own_weight = own_weight / own_weight.sum()
-        # what the coefficients took from the draws, and their own error at others
-        taken = min(bent.shape[1] / counts, MOST_TAKEN)
-        ln[0] += 0.5 * np.log(SPREAD * (1 + taken) / (1 - taken))
+        own, straight, bent = _Columns.fitted(x[:, :k], weight, counts)
+        coefficient, ln = _regress(x[:, k], straight, bent, weight, counts)
+        columns.append(own)
         middle.append(frozen_array(coefficient))
         ln_scale.append(frozen_array(ln))
     return Transport(mean=frozen_array(mean), root=frozen_array(scale[:, None] * root), columns=tuple(columns),
                      middle=tuple(middle), ln_scale=tuple(ln_scale), like=like)
+
+
+def _regress(x: np.ndarray, straight: np.ndarray, bent: np.ndarray, weight: np.ndarray, counts: float):
+    """Coefficients of the middle and of ln of the scatter of a number x (n,), each shrunk by what chance alone makes of
+    as many columns (James and Stein 1961), so that few draws leave the map straight."""
+    ln, left, of_scatter = np.zeros(straight.shape[1]), 1.0, None
+    own_weight, taken = weight, min(bent.shape[1] / counts, MOST_TAKEN)
+    # of ln of an equal scatter: half of a share of 1 / counts for each column
+    by_chance = 0.5 * (len(ln) - 1) / counts
+    for _ in range(ROUNDS):
+        normal = _normal(bent, own_weight, counts / left)
+        # of the first round, whose weights are the draws' own, the scatter's are a part in every round
+        of_scatter = normal[: len(ln), : len(ln)] if of_scatter is None else of_scatter
+        coefficient = np.linalg.solve(normal, (own_weight * x) @ bent)
+        off = x - bent @ coefficient
+        left = min(float(own_weight @ off**2), 1.0)
+        kept = _share_kept(own_weight @ (x - off - coefficient[0]) ** 2, left * taken / (1 - taken))
+        coefficient[1:] *= kept
+        coefficient[0] += own_weight @ (x - bent @ coefficient)
+        off = x - bent @ coefficient
+        along = np.clip(straight @ ln, *_limits(ln))
+        # one step of scoring for a scatter that is log-linear
+        excess = off**2 * np.exp(-2 * along)
+        mean_excess = weight @ excess
+        step = np.linalg.solve(of_scatter, (weight * 0.5 * (np.minimum(excess / mean_excess, 9.0) - 1)) @ straight)
+        step[0] = 0.5 * np.log(max(mean_excess, 1e-24))
+        ln = ln + step
+        own_weight = weight * np.exp(-2 * (np.clip(straight @ ln, *_limits(ln)) - ln[0]))
+        own_weight = own_weight / own_weight.sum()
+        if weight @ (straight[:, 1:] @ step[1:]) ** 2 <= by_chance:
+            break
+    ln[1:] *= _share_kept(weight @ (straight[:, 1:] @ ln[1:]) ** 2, by_chance)
+    # what the coefficients took from the draws, and their own error at others
+    ln[0] += 0.5 * np.log(SPREAD * (1 + kept * taken) / (1 - kept * taken))
+    return coefficient, ln
+
+
+def _share_kept(found: float, by_chance: float) -> float:
+    """Of coefficients whose sum has the variance `found`."""
+    return max(0.0, 1 - by_chance / found) if found > 0 else 0.0
 
 
 def _normal(columns: np.ndarray, weight: np.ndarray, counts: float) -> np.ndarray:
