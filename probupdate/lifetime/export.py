@@ -38,7 +38,6 @@ from probupdate.structure.load import model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import file_beside, is_subdyn
-from probupdate.structure.subdyn_values import inexpressible_parameters
 from probupdate.structure.substructure import NothingBelow, turbine_substructures
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.problem import Problem
@@ -481,9 +480,6 @@ def _reducer(
     modes."""
     path, names = drawn.path, drawn.model.parameters.names
     if is_subdyn(path):
-        if inexpressible_parameters(path):
-            left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
-            return None
         own = file_beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file") if path.suffix == ".toml" else path
         if not read_subdyn(own, path.parent).interfaces:
             left_out.append(f"superelements: {own.name} has no interface joints, where they end; list them (NInterf)")

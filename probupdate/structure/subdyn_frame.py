@@ -93,6 +93,9 @@ def any_section(e, g, density, area, shear_x, shear_y, i_xx, i_yy, polar, torsio
                    i_yy=i_yy, polar=polar, torsion=torsion)
 
 
+SECTIONS = {"circular": tube, "rectangular": box, "arbitrary": any_section}
+
+
 def stiffness_factors(section: Section, length_m: float, shear: bool) -> list[complex]:
     """What multiplies `stiffness_units`: EI / (1 + phi) (bending + phi shear) is written as EI shear + EI / (1 + phi)
     (bending - shear), so that matrices depend on the length alone."""
@@ -449,7 +452,7 @@ def sizes_at(
 def section_at(file: SubDynFile, element: Element) -> Section:
     """The section of a beam element as the file has it."""
     material, sizes = sizes_at(file, element)
-    return {"circular": tube, "rectangular": box, "arbitrary": any_section}[element.member.kind](*material, *sizes)
+    return SECTIONS[element.member.kind](*material, *sizes)
 
 
 def plain_matrices(file: SubDynFile, element: Element) -> tuple[np.ndarray, np.ndarray]:

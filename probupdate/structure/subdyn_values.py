@@ -9,35 +9,42 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
 from probupdate.io.fortran_text import replace_words, words
 from probupdate.io.ssi_file import scaled_ssi
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, parse_again, read_subdyn
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import SOIL_PARTS, file_beside, read_description, targets_of
+from probupdate.structure.subdyn_frame import SECTIONS
+from probupdate.structure.subdyn_model import (
+    SOIL_PARTS,
+    ParameterEntry,
+    SubDynDescription,
+    file_beside,
+    read_description,
+    targets_of,
+)
 
-# what a SubDyn file has no word for
-UNSPEAKABLE = ("line_mass",)
+
+def carried_masses(path: Path) -> tuple[str, ...]:
+    """The parameters that act as line_mass in the SubDyn file of a TOML with [subdyn]."""
+    if path.suffix != ".toml":
+        return ()
+    return tuple(p.name for p in _parameters_in_file(read_description(read_toml(path), path)) if p.acts == "line_mass")
 
 
-def inexpressible_parameters(path: Path) -> tuple[str, ...]:
-    """The parameters of a TOML with [subdyn] that its SubDyn file cannot express."""
-    return tuple(p.name for p in read_description(read_toml(path), path).parameter if p.acts in UNSPEAKABLE)
+def _parameters_in_file(description: SubDynDescription) -> tuple[ParameterEntry, ...]:
+    """Those that do not act on its [tower]."""
+    return tuple(p for p in description.parameter if description.tower is None
+                 or not set(p.groups) & {"tower", "rotor_nacelle"})
 
 
 def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[SubDynFile, tuple[str, ...]]:
     """The SubDyn file of a TOML with [subdyn] as it is at the values of its parameters (those not named stand at their
     initial value), and the names of parameters that act on its [tower] and so are not in it. `remark` goes into the
-    file's second line. Raises InputError for what SubDyn cannot say (`unspeakable`)."""
+    file's second line. A line_mass is a raised density, the only word SubDyn has for it, with its rotary inertia."""
     path = Path(path)
-    odd = inexpressible_parameters(path)
-    if odd:
-        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way that a SubDyn file cannot represent",
-                         "use model.toml")
     description = read_description(read_toml(path), path)
     file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
-    own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
-                or description.tower is None)
+    own = _parameters_in_file(description)
     above = tuple(p.name for p in description.parameter if p not in own)
     targets = targets_of(file, description.model_copy(update={"parameter": own}), path)
     known = {p.name: p.initial for p in description.parameter} | {name: float(v) for name, v in values.items()}
@@ -52,11 +59,12 @@ def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> t
     for member in file.members:
         if member.kind == "rigid":
             continue
-        for end in (0, 1):
-            edit.set_of(member, end, _section(
-                member.kind, file.set_of(member, end).values, stiff=factor("stiffness", member.id),
-                dense=factor("density", member.id), wall=factor("thickness", member.id),
-                loss=total("wall_loss", member.id)))
+        ends = [_section(member.kind, file.set_of(member, end).values, stiff=factor("stiffness", member.id),
+                         dense=factor("density", member.id), wall=factor("thickness", member.id),
+                         loss=total("wall_loss", member.id)) for end in (0, 1)]
+        carried = total("line_mass", member.id)
+        for end, values in enumerate(_with_carried(member.kind, ends, carried) if carried else ends):
+            edit.set_of(member, end, values)
     for reaction in file.reactions:
         if reaction.ssi is None or all(reaction.fixed):
             continue
@@ -82,6 +90,15 @@ def _section(kind: str, old: tuple[float, ...], *, stiff: float, dense: float, w
         # the pretension with it, so that the rest length stays
         return (old[0] * stiff, old[1], old[2] * stiff, *old[3:])
     return tuple(v * stiff for v in old)
+
+
+def _with_carried(kind: str, ends: list[tuple[float, ...]], per_metre: float) -> list[tuple[float, ...]]:
+    """Both ends of a beam with the density raised by a mass per metre."""
+    middle = tuple(0.5 * (a + b) for a, b in zip(*ends, strict=True))
+    # Simpson's rule: exact, as sizes change linearly between the ends and areas with their squares
+    area = sum(w * SECTIONS[kind](*values).area for w, values in zip((1, 4, 1), (ends[0], middle, ends[1]),
+                                                                     strict=True)) / 6
+    return [(*values[:2], float(values[2] + per_metre / area), *values[3:]) for values in ends]
 
 
 class _Edit:
