@@ -14,6 +14,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+
 from probupdate.errors import InputError
 from probupdate.io.files import resolve_path
 from probupdate.io.fortran_text import integer, logical, number, read_lines, strip_quotes, words, write_lines
@@ -547,6 +549,8 @@ def _check_members(r: _Reader, file: SubDynFile, joints: Mapping[int, Joint]) ->
                        "SubDyn wants", member.line)
 
 
+# of a moment of inertia that was shifted from the joint to the centre
+ROUNDING = 1e-6
 # names of a set's numbers, what must be above zero, and what must not be below
 SIZES = {
     "circular": (("YoungE", "ShearG", "MatDens", "XsecD", "XsecT"), (0, 1, 3), (2, 4)),
@@ -580,6 +584,12 @@ def _check_sizes(r: _Reader, file: SubDynFile) -> None:
     for row in file.masses:
         if row.values[0] < 0:
             r.fail(f"a concentrated mass is {row.values[0]:g} kg", "give zero or more", row.line)
+        m, jxx, jyy, jzz, jxy, jxz, jyz, *centre = row.values
+        least, _, most = np.linalg.eigvalsh([[jxx, jxy, jxz], [jxy, jyy, jyz], [jxz, jyz, jzz]])
+        # but for rounding where it was computed from that about the joint
+        if least < -ROUNDING * max(most, m * float(np.dot(centre, centre))):
+            r.fail(f"the inertia of the concentrated mass at joint {row.id} has a principal moment of {least:.3g}",
+                   "correct JMXX to JMYZ: they are about its centre, and no body has one below zero", row.line)
 
 
 def _list_unused(where: str, settings: Mapping[str, str], cables: Sequence[Row]) -> list[str]:

@@ -26,6 +26,8 @@ from probupdate.structure import beam as beams
 MOST_ELEMENTS = 50_000
 # within which two joints are at one place, as a share of the structure's extent
 SAME_PLACE = 1e-8
+# of a cosine matrix, by the digits that it is written with
+DIGITS = 1e-4
 # the bending planes of `beam`: local x-y (displacement along SubDyn's x_e, its I_yy) and x-z (along y_e, I_xx)
 PLANE = (np.array([1, 5, 7, 11]), np.array([2, 4, 8, 10]))
 
@@ -284,9 +286,13 @@ def _elements(file: SubDynFile, member: Member, node_of, node_m) -> list[Element
     axes = direction_cosines(start, end, member.spin_deg)
     if member.cosine is not None:
         rows = np.reshape(next(row.values for row in file.cosines if row.id == member.cosine), (3, 3))
-        if np.abs(rows @ rows.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rows) < 0:
+        if np.abs(rows @ rows.T - np.eye(3)).max() > DIGITS or np.linalg.det(rows) < 0:
             raise InputError(where, f"the cosine matrix {member.cosine} of member {member.id} is not a rotation",
                              "correct it: its rows are the element's axes")
+        if apart and np.abs(rows[2] - (end - start) / length).max() > DIGITS:
+            raise InputError(where, f"the third row of the cosine matrix {member.cosine} is not along member "
+                             f"{member.id} from joint {member.joints[0]} to {member.joints[1]}",
+                             "correct it, or write -1: its axes follow from its joints then")
         axes = rows.T
     n = file.n_div if member.kind in BEAMS else 1
     nodes = [first, *range(len(node_m), len(node_m) + n - 1), last]

@@ -143,6 +143,12 @@ def test_a_mass_without_its_last_columns_is_refused(tmp_path, row):
         read_subdyn(write(tmp_path, cantilever(mass=[row])))
 
 
+@pytest.mark.parametrize("inertia", ["-1e3 9e3 1e3 0 0 0", "1e3 9e3 1e3 9e9 0 0", "0 0 0 5 0 0"])
+def test_an_inertia_that_no_body_has_is_refused(tmp_path, inertia):
+    with pytest.raises(InputError, match="joint 2 has a principal moment of -"):
+        read_subdyn(write(tmp_path, cantilever(mass=[f"2 1e3 {inertia} 0.4 0 0"])))
+
+
 def test_tables_in_another_order_than_subdyns_are_refused(tmp_path):
     text = cantilever(mass=["2 1e3 1 2 3 4 5 6 7 8 9"])
     start, middle, end = (text.index(f"---- {name}") for name in ("MEMBER COSINE", "JOINT ADD", "OUTPUT"))

@@ -292,3 +292,17 @@ def test_a_column_clamped_through_a_rigid_link_is_clamped(tmp_path, reactions):
 def test_two_partly_held_joints_of_a_rigid_link_are_refused_with_the_remedy(tmp_path):
     with pytest.raises(InputError, match="neither is held in all six directions; hold one of them so"):
         column_on_a_link(tmp_path, ["1 1 1 1 0 0 0", "4 1 1 1 0 0 0"])
+
+
+@pytest.mark.parametrize(("rows", "fits"), [("1 0 0 0 1 0 0 0 1", True), ("0 0 1 1 0 0 0 1 0", False),
+                                            ("1 0 0 0 -1 0 0 0 -1", False)])
+def test_a_cosine_matrix_that_turns_a_beam_off_its_axis_is_refused(tmp_path, rows, fits):
+    """SubDyn takes it as it stands: the beam is stiff along another line than that between its joints."""
+    text = subdyn(["0 0 0", "0 0 30"], ["1 2 1 1 1 3"], [CLAMPED], layout="v4.0", cosine=[f"3 {rows}"],
+                  circular=["1 2.1e11 8.1e10 7850 2.0 0.03"])
+    if fits:
+        plain = modes_of(tmp_path, text.replace("1 2 1 1 1 3", "1 2 1 1 1 -1"), 4).frequency_hz
+        np.testing.assert_allclose(modes_of(tmp_path, text, 4).frequency_hz, plain, rtol=1e-12)
+        return
+    with pytest.raises(InputError, match="third row of the cosine matrix 3 is not along member 1 from joint 1 to 2"):
+        modes_of(tmp_path, text, 4)
