@@ -160,6 +160,10 @@ def run_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[st
 def finished_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[str, Path]:
     """As `run_places`, of a run that has a model and a posterior. Raises InputError for others."""
     places = run_places(folder, given)
+    if (folder / "farm.json").is_file():
+        months = sorted(f.parent.relative_to(folder).as_posix() for f in folder.glob("*/*/month.json"))
+        raise InputError(str(folder), "is a farm's folder, not a run's",
+                         f"name a month below it, such as {months[0] if months else 'TURBINE/MONTH'}")
     for name, remedy in (("model", "put model.toml or model.npz there, or name it (--model)"),
                          ("posterior.nc", "run `probupdate sample`")):
         if name not in places:

@@ -414,3 +414,19 @@ def test_the_command_names_the_mistake_before_it_works(run, capsys):
     assert main([*words, str(folder / "fatigue.toml"), "--draws", "1"]) == 2
     assert "shows no scatter" in capsys.readouterr().err
     assert not (folder / "never").exists()
+
+
+def test_one_draw_of_a_farm_s_month_is_refused_before_it_works(run, capsys):
+    """It worked for 90 s and then said that FORM had not settled; a farm's own folder had 'no model'."""
+    folder, model = run[:2]
+    month = folder / "farm" / "A" / "2024-05"
+    month.mkdir(parents=True)
+    write_posterior(posterior(model), month / "posterior.nc")
+    for file in (folder / "farm" / "farm.json", month / "month.json"):
+        file.write_text("{}")
+    words = ["--to", "lifetime", str(folder / "never"), "--draws", "1", "--fatigue", str(folder / "fatigue.toml")]
+    assert main(["export", str(month), *words, "--model", str(folder / "model.toml")]) == 2
+    assert "1 shows no scatter of the posterior" in capsys.readouterr().err
+    assert main(["export", str(folder / "farm"), *words, "--model", str(folder / "model.toml")]) == 2
+    assert "name a month below it, such as A/2024-05" in capsys.readouterr().err
+    assert not (folder / "never").exists()
