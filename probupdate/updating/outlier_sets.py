@@ -28,8 +28,6 @@ FEWEST, PASSES = 4, 4
 LEAST = 1e-6
 # so many sets that are off alike are said one by one
 MOST_SINGLE = 2
-# positive evidence of an outlier by its Bayes factor (Kass & Raftery 1995, table 1), where the set is not left out
-POSITIVE = 3.0
 # sets on each side of a step; its size over the scatter within both: of a straight drift cut in halves that is
 # 2 sqrt(3) = 3.5, of a sine cut where it crosses its mean 4.1
 FEWEST_SIDE, STEP = 3, 6.0
@@ -64,9 +62,8 @@ class OutlierSets:
 
     @property
     def _suspects(self) -> np.ndarray:
-        """Sets that stay in the population with positive evidence against them."""
-        odds = POSITIVE * SHARE / (1 - SHARE)
-        return np.flatnonzero((self.probability >= odds / (1 + odds)) & (self.probability < SURE))
+        """Sets that stay in the population, though the data make them more probably outliers than any set is."""
+        return np.flatnonzero((self.probability > SHARE) & (self.probability < SURE))
 
     def _difference(self, own: Sequence[int]) -> str:
         """In what sets that are off in one mode and one direction are unlike the others."""
