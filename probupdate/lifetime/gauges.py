@@ -24,6 +24,9 @@ LARGEST = 2**31
 WHOLE = 0.98
 # no steel bears it: a filler, or pascals
 STRONGEST_MPA = 1e4
+# standard deviations of a gauge's stress: a nanostrain is less than any resolves, and half of the yield stress is more
+# than any structure stands
+LEAST_MPA, MOST_MPA = 2.1e-4, 300.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +104,13 @@ def read_gauges(path: str | Path, n_spot: int) -> Gauges:
     if np.any(np.abs(stress) > STRONGEST_MPA):
         raise InputError(where, f"has a stress of {np.nanmax(np.abs(stress)):.3g} MPa, beyond {STRONGEST_MPA:g} MPa",
                          "give MPa, and leave out what stands for lost samples")
+    for name, own in zip(names, stress.T, strict=True):
+        std = float(np.std(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0
+        # zero: it recorded nothing
+        if 0 < std < LEAST_MPA or std > MOST_MPA:
+            raise InputError(f"{where}: {name}", f"varies by {std:.2g} MPa (standard deviation), which no gauge "
+                             f"{'resolves' if std < LEAST_MPA else 'on steel does'}",
+                             "give stress in MPa: strain times Young's modulus (210000 MPa), kPa over 1000")
     return Gauges(time_s=frozen_array(time_s), spots=frozen_array(spots, int), stress_mpa=frozen_array(stress))
 
 

@@ -215,6 +215,9 @@ def test_gauges_of_another_day_are_no_input(case, written, tmp_path, capsys):
     ("time\n2024-03-01T00:00:00Z\n", "has no column of times or none of a gauge"),
     ("time,hot_spot_99999_mpa\n2024-03-01T00:00:00Z,1\n", "there are"),
     ("time,hot_spot_1_mpa\nyesterday,1\n", "times or stresses that are none"),
+    # strain as a share, and kPa
+    ("time,hot_spot_1_mpa\n2024-03-01T00:00:00Z,1e-5\n2024-03-01T00:00:01Z,2e-5\n", "times Young's modulus"),
+    ("time,hot_spot_1_mpa\n2024-03-01T00:00:00Z,1e3\n2024-03-01T00:00:01Z,2e3\n", "kPa over 1000"),
 ])
 def test_a_table_that_is_none_of_gauges_is_refused(tmp_path, text, said):
     (tmp_path / "gauges.csv").write_text(text)
