@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -74,6 +75,9 @@ def read_scada(
         with open_beginning(path, "utf-8", size) as stream:
             table = pd.read_csv(stream, dtype={"time": str}, low_memory=False)
     if "time" not in table:
+        if len(table.columns) == 1 and re.search(r"[;\t|]", str(table.columns[0])):
+            raise InputError(str(path), f"has one column, '{table.columns[0]:.60}'",
+                             "separate columns by commas, and write decimals with a point")
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
         raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each "
                          "interval in UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
@@ -120,8 +124,9 @@ def _numbers(where: str, column: pd.Series) -> pd.Series:
     number = pd.to_numeric(column.mask(text.str.len() > LONGEST_NUMBER), errors="coerce")
     wrong = (number.isna() & column.notna() & ~text.str.strip().str.lower().isin(NOT_A_NUMBER)).to_numpy()
     if wrong.any():
-        raise InputError(where, f"'{text.iloc[int(np.argmax(wrong))]:.80}' is not a number",
-                         "correct it, or leave the cell empty where it is unknown")
+        first = text.iloc[int(np.argmax(wrong))]
+        raise InputError(where, f"'{first:.80}' is not a number", "write decimals with a point" if re.fullmatch(
+            r"\s*-?\d+,\d+\s*", first) else "correct it, or leave the cell empty where it is unknown")
     return number.astype(float)
 
 

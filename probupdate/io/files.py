@@ -402,7 +402,7 @@ def read_bytes(path: str | Path, remedy: str = "check the path", *, largest: int
 
 def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: int = LARGEST_TEXT) -> str:
     try:
-        return read_bytes(path, remedy, largest=largest).decode("utf-8")
+        return read_bytes(path, remedy, largest=largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(_path_words(Path(path)), f"is not a UTF-8 text ({error})", "save it as UTF-8") from None
 
@@ -421,7 +421,7 @@ def read_json(path: str | Path, remedy: str = "correct the file at that place", 
     only where `nan` says that the caller looks for it."""
     path = input_file(path, absent, largest=LARGEST_TEXT)
     with _format(path, "JSON", remedy):
-        text = read_bytes(path, absent).decode("utf-8")
+        text = read_bytes(path, absent).decode("utf-8-sig")
         if not text.strip():
             raise ValueError("it is empty")
         content = json.loads(text, parse_constant=_constant if not nan else None, object_pairs_hook=_table,
@@ -449,7 +449,7 @@ def read_toml(
     """The content of a TOML file: at most DEEPEST levels, integers of 64 bit, no number that overflows."""
     path = input_file(path, absent, largest=LARGEST_TOML)
     with _format(path, "TOML", remedy):
-        text = read_bytes(path, absent, largest=LARGEST_TOML).decode("utf-8")
+        text = read_bytes(path, absent, largest=LARGEST_TOML).decode("utf-8-sig")
         _refuse_deep_toml(text)
         content = tomllib.loads(text, parse_float=_float)
         _refuse_deep(content, integers=True)

@@ -25,6 +25,12 @@ def test_a_campaign_is_read_in_the_order_of_the_starts(campaign_folder, signal):
     assert campaign.scada is None and campaign.water_depth_m is None and campaign.x_axis_heading_deg == 0
 
 
+def test_a_byte_order_mark_of_an_editor_is_no_mistake(campaign_folder, signal):
+    head = campaign_folder([(0, signal(10))]) / "campaign.toml"
+    head.write_bytes(b"\xef\xbb\xbf" + head.read_bytes())
+    assert read_campaign(head.parent).channels == ("a-x", "a-y")
+
+
 WRONG_HEADS = [
     ('sampling_rate_hz = 10.0', 'sampling_rate = 10.0', "unknown key 'sampling_rate'", "mean 'sampling_rate_hz'"),
     ('sampling_rate_hz = 10.0', '', "'sampling_rate_hz' is missing", "add it"),

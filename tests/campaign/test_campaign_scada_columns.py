@@ -261,6 +261,15 @@ def test_words_that_are_no_number_are_refused(tmp_path):
     assert np.isnan(read(tmp_path, scada(power_kw={3: "NAN"}))["power_kw"].iloc[3])
 
 
+@pytest.mark.parametrize(("text", "words"), [
+    ("time;power_kw\n2024-05-01T00:00Z;5,5\n", "has one column, 'time;power_kw'; separate columns by commas"),
+    ('time,power_kw\n2024-05-01T00:00Z,"5,5"\n', "power_kw: '5,5' is not a number; write decimals with a point")])
+def test_commas_of_another_language_are_named(tmp_path, text, words):
+    (tmp_path / "scada.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_scada(tmp_path / "scada.csv")
+
+
 # Times --------------------------------------------------------------------------------------------------------------
 
 
