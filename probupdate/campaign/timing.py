@@ -95,7 +95,7 @@ class Clock:
         self.late = 0.0  # samples by which the last row's time is later than its number says
         self.origin: tuple[int, int] | None = None  # of rounded times: nanoseconds and row at which they first change
         self.held: tuple[np.ndarray, np.ndarray] | None = None  # rows of the last ones
-        self.filled = self.cuts = self.shifts = self.unknown = 0
+        self.filled = self.cuts = self.shifts = self.unknown = self.twice = 0
         self.uneven = 0.0
         self.points: list[tuple[int, int, int]] = []  # row, its nanoseconds, rows that are missing up to it
         self.before, self.missing = 0, 0.0  # nanoseconds of the last row, rows that are missing up to it
@@ -110,7 +110,7 @@ class Clock:
             return
         if not len(data):
             return
-        moment = self._nanoseconds(time)
+        moment, data = self._without_doubles(self._nanoseconds(time), data)
         self._inspect(moment)
         self._pace(moment)
         self.first_row += len(data)
@@ -141,10 +141,22 @@ class Clock:
                         "rows were put at equal steps")
         if self.grain:
             said.append(f"times are rounded to {self.grain / self.rate:.3g} s; rows were counted between them")
+        if self.twice:
+            said.append(f"{self.twice} rows stand twice, with the same time and values: one of each was used")
         if self.unknown:
             said.append(f"{self.unknown} rows have the rounded time of rows that are missing: where they belong is not "
                         "known, and they count as lost")
         return said
+
+    def _without_doubles(self, moment: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where every row that has the time of the one before has its values too; rounded times have others."""
+        at_once = np.diff(moment) == 0
+        like = ((data[1:] == data[:-1]) | (np.isnan(data[1:]) & np.isnan(data[:-1]))).all(axis=1)
+        if not at_once.any() or not like[at_once].all():
+            return moment, data
+        self.twice += int(at_once.sum())
+        kept = np.append(True, ~at_once)
+        return moment[kept], data[kept]
 
     def _nanoseconds(self, time: np.ndarray | pd.DatetimeIndex) -> np.ndarray:
         """(n,) int64 since 1970 UTC."""

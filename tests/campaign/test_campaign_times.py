@@ -135,3 +135,13 @@ def test_files_that_each_count_from_their_beginning_are_told_how(job):
         "start_pattern = 'r_(\\d{8}_\\d{6})'\nstart_format = \"%Y%m%d_%H%M%S\"\nzone = \"UTC\""))
     convert(raw, campaign)
     assert [start.minute for start, _ in records(campaign)] == [0, 10]
+
+
+def test_rows_that_stand_twice_are_one(job):
+    """As after an upload that was repeated; a file had begun at each."""
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    data, rows = noise(6000), np.sort(np.append(np.arange(6000), np.random.default_rng(2).integers(0, 6000, 300)))
+    table(data[rows], [t.isoformat() for t in stamps(6000)[rows]]).to_csv(raw / "r.csv", index=False)
+    assert "300 rows stand twice" in convert(raw, campaign).summary
+    ((_, found),) = records(campaign)
+    assert np.array_equal(found, data.astype(np.float32))
