@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,14 +97,33 @@ class SetupComparison:
 def compare_setups(
     campaigns: Sequence[Campaign], names: Sequence[str], *, progress: Progress = silent
 ) -> SetupComparison:
-    """References of several setups against one another and against the rovers; see the module's head.
+    """References of several setups against one another and against the rovers; see the module's head. Without a channel
+    that all have, each two that share some are compared. Raises InputError where no two do."""
+    every = tuple(range(len(campaigns)))
+    groups = [group for group in (every, *combinations(every, 2)) if _common_channels([campaigns[k] for k in group])]
+    # by those that all have where there are any
+    groups = groups[:1] if every in groups else groups
+    if not groups:
+        raise InputError("setups", "have no channel in common",
+                         "name the references alike in every campaign.toml")
+    found = [_compare_group([campaigns[k] for k in group], [names[k] for k in group], progress) for group in groups]
+    findings = {f.message: f for one in found for f in one.findings}
+    uses = dict.fromkeys(text if len(group) == len(campaigns) else f"{' and '.join(names[k] for k in group)}: {text}"
+                         for group, one in zip(groups, found, strict=True) for text in one.uses)
+    return SetupComparison(references=tuple(dict.fromkeys(r for one in found for r in one.references)),
+                           peaks_hz=np.unique(np.concatenate([one.peaks_hz for one in found])),
+                           findings=tuple(findings.values()), uses=tuple(uses))
+
+
+def _compare_group(campaigns: Sequence[Campaign], names: Sequence[str], progress: Progress) -> SetupComparison:
+    """By the references that all of these have.
 
     A gain is reported beyond four standard deviations, in which are its scatter over segments, peaks and setups and 1 %
     by which sound sensors differ. With two references a difference may be of either by the inverse: rigid parts decide
     where rovers of several setups share one, else both are said. A gain common to all references in all setups is found
-    where references and rovers share a rigid part. Raises InputError without common channels.
+    where references and rovers share a rigid part.
     """
-    references = _references(campaigns)
+    references = _common_channels(campaigns)
     parts = []
     for number, campaign in enumerate(campaigns):
         progress("comparing setups", number, len(campaigns))
@@ -127,11 +147,8 @@ def compare_setups(
     return SetupComparison(references=references, peaks_hz=frequency, findings=tuple(found), uses=uses)
 
 
-def _references(campaigns: Sequence[Campaign]) -> tuple[str, ...]:
-    common = [c for c in campaigns[0].channels if all(c in other.channels for other in campaigns)]
-    if not common:
-        raise InputError("setups", "have no channel in common", "name the references alike in every campaign.toml")
-    return tuple(common)
+def _common_channels(campaigns: Sequence[Campaign]) -> tuple[str, ...]:
+    return tuple(c for c in campaigns[0].channels if all(c in other.channels for other in campaigns))
 
 
 # Shapes of setups ---------------------------------------------------------------------------------------------------
@@ -249,8 +266,9 @@ def _judge_references(
             name="reference", channel=channel, size=size, std=std, since=where, alternatives=alternatives,
             message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in "
             f"the other setups{other}: {_advice(size)} of these setups"))
-    notes = ["one reference alone: gains that differ between setups are found by rigid parts only"] * (
-        len(references) == 1)
+    alone = "one reference alone" if len(references) == 1 else "two setups, of which neither is the measure"
+    notes = [f"{alone}: gains that differ between setups are found by rigid parts only"] * (
+        len(references) == 1 or len(shapes) == 2)
     if 2 * sum(map(bool, gains)) >= len(shapes):
         notes.append("references go in different proportions in half of the setups or more")
     constant, more_notes = _constant([s.divide_gains(g) for s, g in zip(shapes, gains, strict=True)], references)

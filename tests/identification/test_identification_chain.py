@@ -71,3 +71,10 @@ def test_setups_that_nothing_joins_are_refused(tmp_path):
     folders = [measured(tmp_path / f"s{k}", floors, k, 20) for k, floors in enumerate(((1, 2), (2, 3), (5, 6)))]
     with pytest.raises(InputError, match="no channel in common: s0, s1 and s2"):
         probupdate.identify_setups(folders)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_setups_of_a_chain_are_compared_two_by_two(name, tmp_path):
+    folders = [measured(tmp_path / f"s{k}", floors, 10 + k, minutes=10) for k, floors in enumerate(CHAINS[name])]
+    said = probupdate.check_setups(folders)
+    assert not said.findings and "s0 and s1: references" in said.summary
