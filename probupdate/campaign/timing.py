@@ -294,18 +294,18 @@ class Clock:
             # as many rows as their span asks for; how many are missing times that jitter do not say
             return
         # one slope, and another start after each loss
-        stretch = np.append(0, np.cumsum(np.abs(count - np.median(count / took) * took) > EVEN + self.uneven))
-        x, y = (v - (np.bincount(stretch, v) / np.bincount(stretch))[stretch] for v in (seconds, place - place[0]))
+        section = np.append(0, np.cumsum(np.abs(count - np.median(count / took) * took) > EVEN + self.uneven))
+        x, y = (v - (np.bincount(section, v) / np.bincount(section))[section] for v in (seconds, place - place[0]))
         slope = float(x @ y) / max(float(x @ x), 1e-9)
-        # of one stretch its seconds
-        length = float(np.sqrt(12 * (x @ x) / len(x) * (1 + stretch[-1])))
+        # of one section its seconds
+        length = float(np.sqrt(12 * (x @ x) / len(x) * (1 + section[-1])))
         drift = abs(slope / self.rate - 1)
         if np.quantile(np.abs(y - slope * x), 0.9) > 0.5 + self.uneven or drift < DRIFT_TOLERANCE or (
                 drift * self.rate * length < 2 * EVEN):
             return
         # known to half a row over the span
         rate = next((r for r in (round(slope, k) for k in range(9)) if abs(r - slope) * length <= 0.5), slope)
-        whole = stretch[-1] == 0 and missing[-1] == 0
+        whole = section[-1] == 0 and missing[-1] == 0
         raise InputError(f"{self.path}, time", f"{np.ptp(number)} rows in {seconds[-1]:.6g} s come at "
                          f"{rate:.8g} Hz {'without a gap' if whole else 'between those that are missing'}, "
                          f"campaign.toml says {self.rate:.6g} Hz", self._rate_remedy(rate))

@@ -484,7 +484,7 @@ class Agreement:
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: its weights are too heavy-tailed to check the chain"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
-                 f"({self.parameter}, {self.z:.1f} standard errors), its mean absolute deviations within "
+                 f"({self.parameter}, {self.z:.1f} standard errors), its mean distances from the median within "
                  f"{100 * abs(self.spread_apart):.0f} % ({self.spread_parameter})")
         return text if self.agrees else f"{text}: THEY DISAGREE, use neither"
 
