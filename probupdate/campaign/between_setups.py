@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,12 +96,11 @@ class SetupComparison:
 def compare_setups(
     campaigns: Sequence[Campaign], names: Sequence[str], *, progress: Progress = silent
 ) -> SetupComparison:
-    """References of several setups against one another and against the rovers; see the module's head. Without a channel
-    that all have, each two that share some are compared. Raises InputError where no two do."""
-    every = tuple(range(len(campaigns)))
-    groups = [group for group in (every, *combinations(every, 2)) if _common_channels([campaigns[k] for k in group])]
-    # by those that all have where there are any
-    groups = groups[:1] if every in groups else groups
+    """References of several setups against one another and against the rovers; see the module's head. For every channel
+    those that have it are compared, by all that they share. Raises InputError where no two share one."""
+    channels = dict.fromkeys(channel for campaign in campaigns for channel in campaign.channels)
+    holders = [tuple(k for k, one in enumerate(campaigns) if channel in one.channels) for channel in channels]
+    groups = sorted({group for group in holders if len(group) > 1}, key=lambda group: (-len(group), group))
     if not groups:
         raise InputError("setups", "have no channel in common",
                          "name the references alike in every campaign.toml")

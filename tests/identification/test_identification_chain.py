@@ -19,7 +19,7 @@ def storeys():
     return 0.8 * np.sqrt(value / value[0])[:3], shape[:, :3] / np.abs(shape[:, :3]).max(axis=0)
 
 
-def measured(folder, floors, seed, minutes=30):
+def measured(folder, floors, seed, minutes=30, gain=None):
     frequency, shape = storeys()
     rng = np.random.default_rng(seed)
     n = round(60 * minutes * RATE)
@@ -29,6 +29,7 @@ def measured(folder, floors, seed, minutes=30):
         q = signal.lfilter([1, 0, -1], np.poly([pole, pole.conj()]).real, rng.standard_normal(n + 2000))[2000:]
         y += np.outer(q / q.std(), column)
     data = (y + 0.02 * rng.standard_normal(y.shape))[:, [k - 1 for k in floors]]
+    data *= [(gain or {}).get(k, 1.0) for k in floors]
     (folder / "acceleration").mkdir(parents=True)
     text = f'name = "Chain"\nsampling_rate_hz = {RATE}\nblock_minutes = 10\n'
     for k in floors:
@@ -78,3 +79,12 @@ def test_setups_of_a_chain_are_compared_two_by_two(name, tmp_path):
     folders = [measured(tmp_path / f"s{k}", floors, 10 + k, minutes=10) for k, floors in enumerate(CHAINS[name])]
     said = probupdate.check_setups(folders)
     assert not said.findings and "s0 and s1: references" in said.summary
+
+
+def test_a_reference_that_some_setups_share_is_compared_among_these(tmp_path):
+    """F1 and F2 are in all, F6 in four of six, in one of these 10 % too large."""
+    floors = [(1, 2, 3, 6), (1, 2, 4, 6), (1, 2, 5, 6), (1, 2, 6), (1, 2, 3), (1, 2, 4)]
+    folders = [measured(tmp_path / f"s{k}", own, 10 + k, 20, {6: 1.1} if k == 2 else None)
+               for k, own in enumerate(floors)]
+    (found,) = probupdate.check_setups(folders).findings
+    assert found.channel == "F6" and found.since == "s2" and abs(found.size - 1.1) < 4 * found.std
