@@ -326,8 +326,8 @@ def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
 
 def _joined_shapes(setups, means: list[_Mean], channels, references):
     """Shape (n_channel, n_mode) of all channels, its covariance factors over the columns of all setups, the misfit of
-    each setup and mode (n_setup, n_mode) at the channels shared with the setup that it is scaled to, NaN where a setup
-    gives no shape, and how well each setup's references know the mode (n_setup, n_mode), relative. NaN: channels of
+    each setup and mode (n_setup, n_mode) to the merged shape at all references that it has, NaN where a setup gives no
+    shape, and how well each setup's references know the mode (n_setup, n_mode), relative. NaN: channels of
     setups without the mode, or in which the references hardly move."""
     n_mode, widths = len(means[0].ln_frequency), [m.d_ln_frequency.shape[1] for m in means]
     place, total = np.cumsum([0, *widths]), sum(widths)
@@ -355,8 +355,6 @@ def _joined_shapes(setups, means: list[_Mean], channels, references):
             target, d_target = target[theirs], d_target[theirs]
             _refuse_alike(target, [setups[k].data.channels[i] for i in ours], np.exp(means[k].ln_frequency[group]))
             scaled[k] = scaled_to(means[k].shape[:, group], d_own, target, ours, d_target)
-            left = np.linalg.norm(target - scaled[k][0][ours], axis=0) / np.linalg.norm(target, axis=0)
-            misfit[k, group] = left**2
         value = np.zeros((len(channels), len(group)), complex)
         d_value = np.zeros((len(channels), len(group), total), complex)
         weights = np.zeros(len(channels))
@@ -368,6 +366,10 @@ def _joined_shapes(setups, means: list[_Mean], channels, references):
             weights[index] += weight
         reached = np.flatnonzero(weights > 0)
         shape[np.ix_(reached, np.array(group, int))] = value[reached] / weights[reached, None]
+        for k, (own, _) in scaled.items():
+            index = [channels.index(setups[k].data.channels[i]) for i in rows[k]]
+            mean = value[index] / weights[index, None]
+            misfit[k, group] = np.sum(np.abs(mean - own[rows[k]]) ** 2, axis=0) / np.sum(np.abs(mean) ** 2, axis=0)
         d_shape[np.ix_(reached, np.array(group, int))] = d_value[reached] / weights[reached, None, None]
     for j in range(n_mode):
         seen_rows = np.flatnonzero(np.isfinite(shape[:, j]))

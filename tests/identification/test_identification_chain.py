@@ -88,3 +88,17 @@ def test_a_reference_that_some_setups_share_is_compared_among_these(tmp_path):
                for k, own in enumerate(floors)]
     (found,) = probupdate.check_setups(folders).findings
     assert found.channel == "F6" and found.since == "s2" and abs(found.size - 1.1) < 4 * found.std
+
+
+def test_what_scaling_leaves_is_of_all_references_that_a_setup_has(tmp_path):
+    """F6 is in two of three setups, which both are scaled by F2 to the longest record: 10 % too large in one, it is
+    off the merged shape by 10 % in both together, as they weigh."""
+    floors = [(1, 2, 3), (2, 4, 6), (2, 5, 6)]
+    folders = [measured(tmp_path / f"s{k}", own, 10 + k, (60, 20, 20)[k], {6: 1.1} if k == 2 else None)
+               for k, own in enumerate(floors)]
+    table = probupdate.identify_setups(folders).table
+    lowest = table[table["label"] == table["label"].iloc[0]].set_index("setup")["misfit"]
+    _, shape = storeys()
+    expected = 0.1 * shape[5, 0] / np.hypot(shape[1, 0], shape[5, 0])
+    # both shapes are known to a few per cent of the tenth
+    assert np.sqrt(lowest[["s1", "s2"]]).sum() == pytest.approx(expected, rel=0.1)
