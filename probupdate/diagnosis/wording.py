@@ -113,11 +113,6 @@ def value_before(finding: Mapping, content: Mapping) -> float | None:
     return None if value is None or None in earlier else value + sum(earlier)
 
 
-def changes_of_structure(content: Mapping | None) -> tuple[str, ...]:
-    """Findings of a diagnosis.json with which the structure itself changed within the record, in words."""
-    return tuple(finding_words(f, content) for f in structural_changes(content or {}))
-
-
 def structural_changes(content: Mapping) -> list[Mapping]:
     """Findings with which the structure itself changed within the record."""
     return [f for f in content.get("findings", ()) if f["kind"] == "structural" and f.get("time_profile") in CHANGES]

@@ -63,7 +63,7 @@ class RunStatus:
     """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
     found. changes: those of its findings with which the structure itself changed within the records; sets: which the
     draws are of, in words; faults: findings on the measurement, in words -> the channels whose records are used all the
-    same, () for all of them."""
+    same, () for all of them; in_draws: whether the draws are of the model with the findings."""
 
     converged: bool
     sampler: str
@@ -72,6 +72,7 @@ class RunStatus:
     changes: tuple[str, ...] = ()
     sets: str = ""
     faults: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    in_draws: bool = False
 
     @property
     def refused(self) -> str:
@@ -96,9 +97,8 @@ class RunStatus:
         if not self.converged or self.diagnosis == "unexplained":
             steps.append("sample longer, or find the cause")
         elif self.changes:
-            steps.append("name a directory of the state after alone: of what `diagnose` wrote diagnosis.model.toml as "
-                         "model.toml, diagnosis.mean.json as nine.json and, for the damping, diagnosis.modes.json with "
-                         "its .h5 as modes.json; as posterior.nc what the `sample` that it states drew of them")
+            steps.append("sample the state after alone, by the `sample` that diagnosis.json states (extension, "
+                         "commands): its diagnosis.posterior.nc in the run's directory is used then")
         if self.faults:
             channels = dict.fromkeys(c for own in self.faults.values() for c in own)
             without = f"leave them out (--without {shlex.join(channels)}), or " if channels else ""
@@ -112,8 +112,7 @@ class RunStatus:
         text = (f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; "
                 f"diagnosis: {self.diagnosis or 'not made'}")
         if self.findings:
-            # a run with them in its model is another run: that of the extended model
-            text += f" ({', '.join(self.findings)}: not in these draws)"
+            text += f" ({', '.join(self.findings)}: {'in' if self.in_draws else 'not in'} these draws)"
         return f"ACCEPTED ALTHOUGH {self.refused} ({text})" if self.refused else text
 
 
@@ -150,7 +149,8 @@ class Export:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunResults:
     """What of a run is exported. path: the model's file; diagnosis, findings: verdict and causes of diagnosis.json,
-    None and empty without one, changes: those of the structure within the records; source: files of the run by name,
+    None and empty without one, in_draws: whether draws and model have these, changes: those of the structure within the
+    records; source: files of the run by name,
     whose hashes are kept; problem: the one that was sampled, None where there are no modes to make it of."""
 
     posterior: Posterior
@@ -160,6 +160,7 @@ class RunResults:
     modes: ModalData | None = None
     diagnosis: str | None = None
     findings: tuple[str, ...] = ()
+    in_draws: bool = False
     changes: tuple[str, ...] = ()
     source: Mapping[str, Path] = field(default_factory=dict)
     problem: Problem | None = None
@@ -180,7 +181,7 @@ class RunResults:
     def status(self) -> RunStatus:
         return RunStatus(converged=bool(self.posterior.converged), sampler=self.posterior.verdict,
                          diagnosis=self.diagnosis, findings=self.findings, changes=self.changes,
-                         sets=self.posterior.sets)
+                         sets=self.posterior.sets, in_draws=self.in_draws)
 
 
 @dataclass(frozen=True, kw_only=True)

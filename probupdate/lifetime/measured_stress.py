@@ -64,11 +64,12 @@ SAME_DIRECTION = 0.99
 @dataclass(frozen=True, kw_only=True)
 class StressSettings:
     """n_draw: draws of the posterior that carry its uncertainty; n_worst: hot spots whose history is written and
-    counted; seed of both."""
+    counted; seed of both; since: when the state of the structure began that the draws are of, None for all blocks."""
 
     n_draw: int = 8
     n_worst: int = 6
     seed: int = 1
+    since: pd.Timestamp | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -179,7 +180,11 @@ def measured_stresses(
     settings = settings or StressSettings()
     conditions = read_conditions(fatigue)
     spectra = thrust_spectra(conditions, fatigue)
-    planned = _plan(campaign, conditions, resting_angle_deg(model))
+    every = _plan(campaign, conditions, resting_angle_deg(model))
+    planned = [p for p in every if settings.since is None or p.start >= settings.since]
+    earlier = _earlier_notes(len(every) - len(planned), settings)
+    if earlier and not planned:
+        raise InputError(str(campaign.path), f"has no other blocks than {earlier[0]}", "give records of that state")
     work = _Work(campaign, model, conditions, spectra, draws, names, damping, tuple(without), settings)
     gauges = gauges or GaugeFiles()
     known, work.joined = (None if path is None else read_gauges(path, len(work.spots))
@@ -215,7 +220,7 @@ def measured_stresses(
     return MeasuredStress(
         blocks=blocks, details=work.details, spots=work.spots, conditions=conditions, worst=frozen_array(worst, int),
         draw_ratio=np.mean(counted, axis=0) if counted else np.ones((1, len(work.spots))), stated_per_hour=stated,
-        histories=tuple(histories), left_out=tuple(work.notes(planned)), seed=settings.seed,
+        histories=tuple(histories), left_out=(*earlier, *work.notes(planned)), seed=settings.seed,
         gauges=None if gauges.held_out is None else _join_gauge_rows(beside, gauges.held_out))
 
 
@@ -251,6 +256,11 @@ def _plan(campaign: Campaign, conditions: Conditions, resting_deg: float) -> lis
         found.append(_PlannedBlock(start=start, files=files, conditions=known, heading_deg=heading,
                                    state=_nearest_state(conditions, known)))
     return found
+
+
+def _earlier_notes(earlier: int, settings: StressSettings) -> tuple[str, ...]:
+    return (f"{plural(earlier, 'block')} before {settings.since:%Y-%m-%dT%H:%MZ}, when the structure changed: the "
+            "draws are of the state after",) if earlier else ()
 
 
 def _nearest_state(conditions: Conditions, known: Mapping[str, float | str]) -> int:

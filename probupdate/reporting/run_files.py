@@ -157,9 +157,8 @@ def run_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[st
     return _places(folder, head) | ({} if parameters is None else {"parameters": parameters}) | dict(given)
 
 
-def finished_places(folder: Path, given: Mapping[str, Path] | None = None) -> dict[str, Path]:
-    """As `run_places`, of a run that has a model and a posterior. Raises InputError for others."""
-    places = run_places(folder, given)
+def refuse_unfinished(folder: Path, places: Mapping[str, Path]) -> None:
+    """Raises InputError for a run that lacks a model or a posterior."""
     if (folder / "farm.json").is_file():
         months = sorted(f.parent.relative_to(folder).as_posix() for f in folder.glob("*/*/month.json"))
         raise InputError(str(folder), "is a farm's folder, not a run's",
@@ -168,7 +167,6 @@ def finished_places(folder: Path, given: Mapping[str, Path] | None = None) -> di
                          ("posterior.nc", "run `probupdate sample`")):
         if name not in places:
             raise InputError(str(folder), f"has no {PARTS[name].removeprefix('the ')}", remedy)
-    return places
 
 
 def _refuse_absent(given: Mapping[str, Path]) -> None:

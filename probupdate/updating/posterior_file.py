@@ -92,6 +92,11 @@ class Posterior:
         return self.theta.reshape(-1, self.theta.shape[2])
 
     @property
+    def first_set(self) -> str:
+        """Id of the first of the sets that the draws are of, or of the one."""
+        return str(self.record[ENDS][0] if ENDS in self.record else self.record.get("set_id", ""))
+
+    @property
     def sets(self) -> str:
         """Which sets the draws are of, in words: "9 of 9 sets, 2026-03-04T06:00Z to 2026-03-04T08:40Z"."""
         named = str(self.record.get("set_id", "sets that posterior.nc does not name"))

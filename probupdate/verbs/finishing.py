@@ -19,7 +19,7 @@ from probupdate.io.files import sha256
 from probupdate.io.result_table import files_table
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
-from probupdate.reporting.run_files import finished_places, run_places
+from probupdate.reporting.run_files import run_places
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, resumed_progress, silent
 from probupdate.structure.load import load_model, model_files
@@ -30,6 +30,7 @@ from probupdate.updating.joint_set import joint_set
 from probupdate.updating.posterior_file import Posterior, read_posterior
 from probupdate.updating.problem import Problem, Weights, build_problem
 from probupdate.verbs.estimating import Case, compared_modes, refuse_other_kinds
+from probupdate.verbs.finished_run import finished_run
 from probupdate.verbs.models import GivenModel, ModelAt, model_path, parts_elsewhere
 
 if TYPE_CHECKING:
@@ -125,8 +126,6 @@ def export(
     elsewhere: `model`, `parameters`, where these lie, if not in the directory, as of `report`.
     fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
     stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
-    from probupdate.diagnosis.results import read_diagnosis
-    from probupdate.diagnosis.wording import changes_of_structure
     from probupdate.lifetime.conditions import read_conditions
     from probupdate.lifetime.export import (
         ExportSettings,
@@ -144,17 +143,16 @@ def export(
         read_conditions(fatigue)
         if "model" in (there := run_places(folder, given)):
             refuse_without_members(there["model"])
-    places = finished_places(folder, given)
-    parameters = places.get("parameters")
-    found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    finished = finished_run(folder, given)
+    places, found, parameters = finished.places, finished.diagnosis, finished.places.get("parameters")
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
     verdict = None if found is None else found["verdict"]
     settings = ExportSettings(n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed)
     results = RunResults(
-        posterior=read_posterior(places["posterior.nc"]), model=load_model(places["model"], parameters=parameters),
+        posterior=finished.posterior, model=load_model(places["model"], parameters=parameters),
         path=places["model"], parameters_file=parameters,
         modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
-        changes=changes_of_structure(found), source=places)
+        in_draws=finished.included, changes=finished.changes, source=places)
     refuse_unfit(results, Path(out), settings, reliability=fatigue is not None)
     results = replace(results, problem=_sampled_problem(folder, places, found, results.posterior, progress))
     return export_lifetime(

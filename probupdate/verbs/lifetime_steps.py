@@ -11,8 +11,9 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.usable import left_out_notes
 from probupdate.errors import InputError, names_files
 from probupdate.modal.modes import ModalData, read_modes
-from probupdate.reporting.run_files import finished_places, run_places
+from probupdate.reporting.run_files import run_places
 from probupdate.runtime.progress import Progress, silent
+from probupdate.verbs.finished_run import finished_run
 from probupdate.verbs.models import parts_elsewhere
 
 if TYPE_CHECKING:
@@ -70,41 +71,37 @@ def stresses(
     Raises InputError where the run lacks model or posterior, or no channel of the campaign is in the model.
     """
     from probupdate.diagnosis.faulty_channels import faulty_channels
-    from probupdate.diagnosis.results import read_diagnosis
-    from probupdate.diagnosis.wording import changes_of_structure
     from probupdate.lifetime.export import RunStatus, refuse_without_members
     from probupdate.lifetime.gauges import GaugeFiles
     from probupdate.lifetime.measured_stress import StressSettings, measured_stresses
     from probupdate.lifetime.stress_files import StressResult
-    from probupdate.updating.posterior_file import read_posterior
 
     folder = Path(run)
     given = parts_elsewhere(**elsewhere)
     # before it sends anybody to sample that model
     if "model" in (there := run_places(folder, given)):
         refuse_without_members(there["model"])
-    places = finished_places(folder, given)
+    finished = finished_run(folder, given)
+    places, posterior, diagnosis = finished.places, finished.posterior, finished.diagnosis
     records = read_campaign(campaign)
     if unknown := [c for c in without or () if c not in records.channels]:
         raise InputError("--without", f"'{unknown[0]}' is not a channel of {campaign}",
                          f"choose from {', '.join(records.channels)}")
-    posterior = read_posterior(places["posterior.nc"])
-    diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     modes = read_modes(places["modes.json"]) if "modes.json" in places else None
     status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict,
-                       diagnosis=diagnosis["verdict"] if diagnosis else None, changes=changes_of_structure(diagnosis),
+                       diagnosis=diagnosis["verdict"] if diagnosis else None, changes=finished.changes,
                        sets=posterior.sets,
                        faults=_faults_used(faulty_channels(diagnosis or {}, records.sensors, modes.channels if modes
                                                            else ()), set(records.channels) - set(without or ())))
     if status.refused and not accept:
         raise InputError(str(folder), f"this run is not fit to be used: {status.refused}",
                          f"{status.remedy}; --accept uses it with that said")
-    settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed)
+    settings = StressSettings(n_draw=draws, n_worst=worst, seed=seed, since=finished.since)
     found = measured_stresses(
         records, places["model"], Path(fatigue), posterior.draws, _measured_damping(modes), names=posterior.names,
         without=tuple(without or ()), settings=settings,
         gauges=gauges if isinstance(gauges, GaugeFiles) else GaugeFiles(held_out=gauges), progress=progress)
-    found = replace(found, left_out=(*left_out_notes(records.left_out), *found.left_out))
+    found = replace(found, left_out=(*finished.notes, *left_out_notes(records.left_out), *found.left_out))
     return StressStep(result=StressResult(found=found, remark=status.remark))
 
 

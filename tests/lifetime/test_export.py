@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 
+import probupdate
 from probupdate.cli import main
-from probupdate.diagnosis.wording import changes_of_structure
+from probupdate.diagnosis.wording import structural_changes
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
@@ -215,7 +216,7 @@ def test_a_named_cause_is_said_to_be_outside_the_draws(run):
 
 def test_draws_of_two_states_of_a_structure_are_not_exported_in_silence(run):
     changed = {"diagnosis": "named", "findings": ("parameter soil_63",), "changes": ("parameter soil_63: -0.3",)}
-    said = r"changed within the .*of before and after .*these are of .*after alone.*diagnosis\.modes\.json.*--accept"
+    said = r"changed within the .*of before and after .*these are of .*after alone.*diagnosis\.posterior\.nc.*--accept"
     with pytest.raises(InputError, match=said):
         exported(run, **changed)
     assert "ACCEPTED ALTHOUGH" in (exported(run, accept=True, **changed).folder / "draws.csv").read_text()
@@ -227,8 +228,8 @@ def test_a_change_of_the_structure_is_told_from_the_weather_and_from_sensors():
     content = {"findings": [{"kind": kind, "cause": "parameter", "location": f"k_{n}", "size": -0.3, "size_std": 0.04,
                              "unit": "-", "time_profile": profile, "since": "2025-10-14T08:10Z"}
                             for n, (kind, profile) in enumerate(rows)]}
-    assert [text.split(":")[0] for text in changes_of_structure(content)] == ["parameter k_0", "parameter k_1"]
-    assert changes_of_structure(None) == ()
+    assert [finding["location"] for finding in structural_changes(content)] == ["k_0", "k_1"]
+    assert structural_changes({}) == []
 
 
 def test_damping_is_that_of_the_sets(run):
@@ -424,3 +425,50 @@ def test_the_command_takes_a_model_that_lies_elsewhere(tmp_path, capsys):
     assert load_model(tmp_path / "out" / "models" / "001" / "model.npz").parameters.initial[0] == draw
     assert main([*words[:-2], "--model", str(apart / "none.npz")]) == 2
     assert "--model: '" in (said := capsys.readouterr().err) and "does not exist" in said
+
+
+# which state of the structure draws are of ---------------------------------------------------------------------------
+
+
+def diagnosed(run):
+    """The structure changed at 12:00Z."""
+    finding = {"kind": "structural", "cause": "joints loosened", "location": "brace", "size": -0.62, "size_std": 0.04,
+               "unit": "-", "posterior_probability": 0.97, "time_profile": "step", "since": "2019-06-03T12:00Z",
+               "z": -14.2, "check": "inspect the weld toes", "alternatives": [], "gain": {}}
+    content = {"verdict": "named", "p_value": 2e-7, "findings": [finding], "extended_model": "diagnosis.model.toml",
+               "threshold": 4.1, "adequacy_p": 0.3, "splits": [], "detectable_sizes": [], "parameters": [], "notes": [],
+               "details": {}}
+    (run / "diagnosis.json").write_text(json.dumps(content))
+
+
+def sampled(run, name, first, last=None):
+    """A posterior of the run's model, of one set or from the first to the last."""
+    record = {"set_id": first} if last is None else {"set_id": "9 of 9 sets", "first and last set": [first, last]}
+    write_posterior(replace(posterior(load_model(run / "model.toml")), record=record), run / name)
+
+
+@pytest.mark.parametrize("ends", [("2019-06-03T08:00Z", "2019-06-03T16:00Z"), ("2019-06-03T08:00Z", None)])
+def test_draws_that_are_not_of_the_state_after_are_refused(run, ends):
+    diagnosed(run)
+    sampled(run, "posterior.nc", *ends)
+    with pytest.raises(InputError, match="changed within the records"):
+        probupdate.export(run, run / "out", draws=2)
+
+
+def test_draws_of_sets_after_the_change_are_exported(run):
+    diagnosed(run)
+    sampled(run, "posterior.nc", "2019-06-03T12:00Z", "2019-06-03T16:00Z")
+    assert not probupdate.export(run, run / "out", draws=2).status.refused
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_what_diagnose_states_to_sample_of_the_state_after_is_exported(run, beside):
+    """Also where a posterior of both states lies beside it; with the model that holds the findings."""
+    diagnosed(run)
+    if beside:
+        sampled(run, "posterior.nc", "2019-06-03T08:00Z", "2019-06-03T16:00Z")
+    sampled(run, "diagnosis.posterior.nc", "2019-06-03T14:00Z")
+    (run / "diagnosis.model.toml").write_text((run / "model.toml").read_text().replace("a frame", "with a loose joint"))
+    done = probupdate.export(run, run / "out", draws=2)
+    assert not done.status.refused and done.status.sets == "2019-06-03T14:00Z"
+    assert json.loads((run / "out" / "manifest.json").read_text())["model"] == "with a loose joint"
