@@ -20,6 +20,9 @@ CONDITION_COLUMNS = ("wind_speed_mps", "wave_height_m", "power_kw", "nacelle_hea
 UNITS = {"damage_per_year": "1/a", "p05": "1/a", "p50": "1/a", "p95": "1/a", "stated_damage_per_year": "1/a",
          "damage_per_hour": "1/h", **{f"del_m{m:g}": "MPa" for m in SLOPES}}
 
+# the largest design fatigue factor (NORSOK N-004, table 8-1): no design covers stated loads that are farther off
+MOST_APART = 10.0
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StressResult:
@@ -109,6 +112,10 @@ class StressResult:
             f"loads of fatigue.toml {first['stated_damage_per_year']:.3g}",
             f"observable: {seen} of {all_of} hot spots ({100 * OBSERVABLE:g} % and more of the stress' variance "
             f"resolved by the sensors){rest}"]
+        apart = first["damage_per_year"] / max(first["stated_damage_per_year"], 1e-300)
+        if not 1 / MOST_APART < apart < MOST_APART:
+            lines.append(f"measured damage is {apart:.2g} times that by fatigue.toml: loads are missing there, or are "
+                         "not this structure's, and the life that `export` computes from them is not either")
         missing = [s.name for s in f.conditions.state if s.name not in measured]
         if missing:
             share = sum(s.share for s in f.conditions.state if s.name in missing)
