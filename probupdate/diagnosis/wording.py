@@ -84,8 +84,12 @@ def finding_words(finding: Mapping, content: Mapping) -> str:
 def nearest_words(content: Mapping) -> str:
     """What was found where it is not enough: its words of `Diagnosis.left_unexplained`; "" where there is nothing."""
     nearest = content["details"].get("nearest")
-    return "" if not nearest else ("nearest in the catalogue, but not enough (what it states is not established): "
-                                   f"{'; '.join(nearest)}")
+    if not nearest:
+        return ""
+    # a change of one of the members that a parameter scales looks like some of its change, and leaves a rest
+    single = any(text.startswith("parameter ") for text in nearest)
+    return (f"nearest in the catalogue, but not enough (what it states is not established): {'; '.join(nearest)}"
+            f"{'. Where a parameter scales several members, give each one of its own: one may have changed' * single}")
 
 
 def size_words(finding: Mapping, content: Mapping) -> str:
