@@ -84,8 +84,8 @@ class RunStatus:
             reasons.append("the diagnosis is unexplained: model and measurement disagree "
                            "and no listed cause explains it")
         if self.changes:
-            reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and draws must not "
-                           f"be of before and after together: these are of {self.sets}")
+            reasons.append(f"the structure changed within the records ({'; '.join(self.changes)}), and draws must be "
+                           f"of the state after alone: these are of {self.sets}")
         reasons += [f"the records of {', '.join(channels) or 'all channels'} are used, of which diagnosis.json says: "
                     f"{words}" for words, channels in self.faults.items()]
         return "; ".join(reasons)

@@ -216,7 +216,7 @@ def test_a_named_cause_is_said_to_be_outside_the_draws(run):
 
 def test_draws_of_two_states_of_a_structure_are_not_exported_in_silence(run):
     changed = {"diagnosis": "named", "findings": ("parameter soil_63",), "changes": ("parameter soil_63: -0.3",)}
-    said = r"changed within the .*of before and after .*these are of .*after alone.*diagnosis\.posterior\.nc.*--accept"
+    said = r"changed within .*after alone: these are of .*sample the state after.*diagnosis\.posterior\.nc.*--accept"
     with pytest.raises(InputError, match=said):
         exported(run, **changed)
     assert "ACCEPTED ALTHOUGH" in (exported(run, accept=True, **changed).folder / "draws.csv").read_text()

@@ -22,7 +22,7 @@ from probupdate.reporting.values import Run
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import load_model
 from probupdate.structure.turbine_frame import build_frame
-from probupdate.updating.posterior_file import Posterior, write_posterior
+from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 from tests.lifetime.test_fatigue_export import toml
 from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
 from tests.small_turbine import SENSORS, small_turbine
@@ -494,3 +494,51 @@ def test_a_wrong_channel_that_is_accepted_is_said(diagnosed, tmp_path, capsys):
     said = f"sensor gain, {SENSORS[0][0]}: +12"
     assert said in json.loads((tmp_path / "out" / "stresses.json").read_text())["verdict"]
     assert said in capsys.readouterr().out
+
+
+# the state of the structure, and the loads that are stated -----------------------------------------------------------
+
+
+@pytest.fixture
+def changed(case, tmp_path, capsys):
+    """What `stresses` says of a run whose structure changed between its two blocks, with draws of this set."""
+    folder, _ = case
+    run = tmp_path / "run"
+    shutil.copytree(folder / "run", run)
+    diagnosis_json(run, ("leg stiffness lost", "leg A, bay 1", -0.3))
+    content = json.loads((run / "diagnosis.json").read_text())
+    content["findings"][0] |= {"kind": "structural", "time_profile": "step", "since": "2024-03-01T00:20Z"}
+    (run / "diagnosis.json").write_text(json.dumps(content))
+
+    def called(set_id):
+        draws = replace(read_posterior(run / "posterior.nc"), record={"set_id": set_id})
+        write_posterior(draws, run / "diagnosis.posterior.nc")
+        code = main(["stresses", str(folder / "campaign"), "--run", str(run), "--fatigue",
+                     str(folder / "fatigue.toml"), "--draws", "1", "--worst", "1", "--out", str(tmp_path / "out")])
+        return code, "".join(capsys.readouterr())
+    return called
+
+
+def test_stresses_of_the_state_after_are_of_its_blocks(changed, tmp_path):
+    code, said = changed("2024-03-01T00:20Z")
+    assert code == 0 and "1 block before 2024-03-01T00:20Z, when the structure changed" in said
+    assert json.loads((tmp_path / "out" / "stresses.json").read_text())["blocks"] == 1
+
+
+def test_stresses_of_the_state_before_are_refused(changed):
+    code, said = changed("2024-03-01T00:00Z")
+    assert code == 2 and "must be of the state after alone: these are of 2024-03-01T00:00Z" in said
+
+
+@pytest.mark.parametrize("turbulence", [0.0012, 0.12])
+def test_stated_loads_that_make_far_less_than_the_measured_damage_are_said(case, tmp_path, capsys, turbulence):
+    folder, _ = case
+    text = (folder / "fatigue.toml").read_text()
+    (tmp_path / "fatigue.toml").write_text(text.replace("turbulence = 0.12", f"turbulence = {turbulence}")
+                                           .replace("hs_m = 4.0", f"hs_m = {4 * turbulence / 0.12}"))
+    assert main(["stresses", str(folder / "campaign"), "--run", str(folder / "run"), "--fatigue",
+                 str(tmp_path / "fatigue.toml"), "--draws", "1", "--worst", "1", "--out", str(tmp_path / "out")]) == 0
+    worst = pd.read_csv(tmp_path / "out" / "hot_spots.csv").iloc[0]
+    apart = worst["damage_per_year"] / worst["stated_damage_per_year"]
+    assert ("loads are missing there" in capsys.readouterr().out) == (not 0.1 < apart < 10)
+    assert apart > 10 or turbulence == 0.12
