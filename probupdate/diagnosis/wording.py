@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from statistics import NormalDist
 
 from probupdate.effects.catalogue import OWN_PARAMETER
 
@@ -28,9 +29,9 @@ PROFILE_WORDS = {
     "rms_mps2": "with the vibration's amplitude", "wave_height_m": "with the wave height",
     "power_kw": "with the power", "frost_degc": "with frost", "rotor_speed_rpm": "with the rotor's speed",
 }
-# a push of a parameter that its prior expects once in ten times
+# the chance that a record with right priors has a parameter shifted so far that it is said
 # and less than this, in prior standard deviations, is not worth a word
-SURPRISING, LEAST_SHIFT = 1.645, 0.5
+CHANCE_OF_SHIFT, LEAST_SHIFT = 0.1, 0.5
 # chance alone makes as much so seldom that "nothing" asks for a word more
 SELDOM = 0.01
 # prior probability from which a finding has no competing hypotheses to speak of
@@ -345,24 +346,39 @@ def gain_words(finding: Mapping) -> str:
     return text
 
 
-def prior_shift_words(content: Mapping) -> list[str]:
-    """Parameters shifted farther than their prior expects once in ten times, and what became of that."""
-    parameters = {p["name"]: p for p in content.get("parameters", ())}
+def surprising_shifts(content: Mapping) -> dict[str, bool]:
+    """Parameters shifted from their priors farther than any is in nine of ten records when all priors are right
+    -> whether they still are with the findings included."""
+    parameters = content.get("parameters", ())
     shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
     expected = {row["name"]: row["expected"] for row in shown}
+    limit = NormalDist().inv_cdf(1 - CHANCE_OF_SHIFT / (2 * max(len(parameters), 1)))
+    found = {}
+    for p in parameters:
+        shifts = [p.get("prior_shift"), *([p.get("prior_shift_after")] if content["findings"] else [])]
+        spreads = expected.get(p["name"]) or [1.0]
+        # the same spread in both states where a file has one alone
+        far = [x is not None and abs(x) >= max(limit * (spreads[min(k, len(spreads) - 1)] or 1.0), LEAST_SHIFT)
+               for k, x in enumerate(shifts)]
+        if any(far):
+            found[p["name"]] = far[-1] or shifts[-1] is None
+    return found
+
+
+def prior_shift_words(content: Mapping) -> list[str]:
+    """The surprising shifts, and what became of each with the findings included."""
+    shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
+    expected = {row["name"]: (row["expected"] or [1.0])[0] or 1.0 for row in shown}
+    surprising = surprising_shifts(content)
     sentences = []
-    for name, p in parameters.items():
-        before, after = p.get("prior_shift"), p.get("prior_shift_after")
-        spread = (expected.get(name) or [1.0])[0] or 1.0
-        if before is None or abs(before) < max(SURPRISING * spread, LEAST_SHIFT):
+    for p in content.get("parameters", ()):
+        if p["name"] not in surprising or p.get("prior_shift") is None:
             continue
-        text = (f"{name} is shifted from its prior by {before:+.1f} prior standard deviations where +-{spread:.1f} is "
-                "expected")
+        before, after = p["prior_shift"], p.get("prior_shift_after")
+        text = (f"{p['name']} is shifted from its prior by {before:+.1f} prior standard deviations where "
+                f"+-{expected.get(p['name'], 1.0):.1f} is expected")
         if content["findings"] and after is not None:
-            if abs(after) < 0.5 * abs(before):
-                text += f", and by {after:+.1f} once the findings are included: it had absorbed them"
-            else:
-                text += f", and still by {after:+.1f} with the findings included"
+            text += f", and by {after:+.1f} with the findings included"
         sentences.append(text)
     if sentences and not content["findings"]:
         sentences.append("no effect of the catalogue explains the record better than these values do: either their "

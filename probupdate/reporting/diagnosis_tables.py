@@ -10,6 +10,9 @@ from probupdate.diagnosis import wording
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Table, decimal, number, percent
 from probupdate.updating.identifiability import STRONG
 
+# half of a 90 % interval in standard deviations
+NINETY = 1.645
+
 
 def typeset_with_stop(text: str) -> str:
     """Closed with a full stop; begins as it is written, for names have small letters too."""
@@ -29,7 +32,7 @@ def changed_parameters(content: Mapping) -> list[str]:
         value, std, shift = (p.get(f"{key}_after", p.get(key)) for key in ("value", "std", "prior_shift"))
         if None in (value, std, shift) or std > STRONG * p["prior_std"] or abs(shift) < wording.LEAST_SHIFT:
             continue
-        if abs(value - p["prior"]) > wording.SURPRISING * std:
+        if abs(value - p["prior"]) > NINETY * std:
             size = wording.amount((value - p["prior"]) / (abs(p["prior"]) or 1.0), std / (abs(p["prior"]) or 1.0),
                                   "-" if p["prior"] else p["unit"], wording.SHARES[0] if p["prior"] else "")
             said.append(typeset(f"{p['name']} {size}"))

@@ -12,6 +12,7 @@ from probupdate.diagnosis.wording import (
     is_explained,
     name_of,
     prior_shift_words,
+    surprising_shifts,
     verdict_words,
     words_of_findings,
 )
@@ -198,11 +199,13 @@ def checks(content: Mapping) -> list[str]:
 
 
 def extension_advice(content: Mapping, start: str = "Update again") -> list[str]:
-    if not content.get("extended_model"):
-        return []
+    """With which model and modes to go on: those of the diagnosis, as far as it has written them."""
+    model = content.get("extended_model")
     mean = ((content.get("extension") or {}).get("files") or {}).get("mean")
+    if not model:
+        return [f"{start} on {mean}, the mean of the modes in the blocks in which the findings act."] if mean else []
     of = f", and the modes that belong to it, {mean}" if mean else ""
-    return [f"{start} with {content['extended_model']}, which has the findings in it{of}."]
+    return [f"{start} with {model}, which has the findings in it{of}."]
 
 
 def _shift_findings(run: Run) -> list[Finding]:
@@ -227,10 +230,11 @@ def _diagnosed_shift_findings(content: Mapping) -> list[Finding]:
     # by state; the last is after the findings are included
     chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
     p = chances[-1]
-    shifts = [full_sentence(t) for t in prior_shift_words(content)]
-    if not shifts and not (p is not None and p < NO_CHANCE):
+    # what the findings explain is said with them
+    names = [name for name, still in surprising_shifts(content).items() if still]
+    if not names and not (p is not None and p < NO_CHANCE):
         return []
-    names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in shifts)]
+    shifts = [full_sentence(t) for t in prior_shift_words(content)]
     together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
     who = ", ".join(names) or "the parameters together"
     return [Finding(level="caution", short=f"{who} far from the prior",

@@ -82,6 +82,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     _refuse_absent(given)
     places = _places(folder, head) | {name: path for name, path in given.items() if name in PARTS}
     parameters = given.get("parameters") or _path_in_head(folder, head, "parameters")
+    diagnosis = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    places, replaced = _places_with_findings(folder, places, given, diagnosis)
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
         raise InputError(str(folder), "holds nothing of a run", f"expected some of {', '.join(PARTS)}")
@@ -100,7 +102,6 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     update = read("update.json", read_update)
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
-    diagnosis = read("diagnosis.json", read_diagnosis)
     mean = _mean_updated_on(folder, update, diagnosis)
     data = compared_modes(mean or nine or modes, update)
     held = update.parameters if update is not None and update.parameters.held else parameters
@@ -117,7 +118,8 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
         title=_title(folder, head, places, model, campaign),
         missing=missing,
         warnings=(*_warnings(head, data, update, posterior), *_changed_inputs(places, parameters, diagnosis)),
-        provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
+        provenance=(*_provenance(folder, places, head, model, update, posterior),
+                    *((name, "not shown: of the model without the findings") for name in replaced)),
         campaign=campaign,
         truth=(truth_values(truth_file, data, added) if truth_file is not None and truth_file.exists() else None),
         mean=mean, paper=read_update(paper) if paper.exists() else None,
@@ -126,6 +128,23 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
         update=update, posterior=posterior, comparison=comparison, diagnosis=diagnosis,
         jacket=is_the_jacket(tuple(name for name in names if name not in added)),
     )
+
+
+def _places_with_findings(
+    folder: Path, places: Mapping[str, Path], given: Mapping[str, Path], diagnosis: Mapping | None
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """The places, with update, posterior, comparison and model being those with the findings in them where the first
+    was made as `diagnose` states; and the names of the files that these replace."""
+    with_findings = {name: folder / f"diagnosis.{name}" for name in ("update.json", "posterior.nc", "compare.json")}
+    if diagnosis is None or not with_findings["update.json"].is_file():
+        return dict(places), ()
+    replaced = tuple(places[name].name for name in with_findings if name in places)
+    found = {name: path for name, path in places.items() if name not in with_findings}
+    found |= {name: path for name, path in with_findings.items() if path.is_file()}
+    extended = diagnosis.get("extended_model")
+    if extended and "model" not in given and (folder / extended).is_file():
+        found["model"] = folder / extended
+    return found, replaced
 
 
 def added_parameters(diagnosis: Mapping | None) -> dict[str, str]:

@@ -13,7 +13,7 @@ import numpy as np
 from probupdate.diagnosis.wording import amount, is_explained, name_of, structural_changes, time_profile_words
 from probupdate.effects.catalogue import OWN_PARAMETER
 from probupdate.reporting import figures
-from probupdate.reporting.diagnosis_tables import typeset
+from probupdate.reporting.diagnosis_tables import NINETY, typeset
 from probupdate.reporting.elements import MISSING, Column, Table, number, percent
 from probupdate.reporting.values import Run
 from probupdate.updating.joint_set import states_words
@@ -22,8 +22,6 @@ from probupdate.updating.update_file import STEP
 # which of a run's values of a parameter to quote
 USE_THIS = ("Of the values that this run has of a parameter, quote this table's; the others (MAP, Eq. 7, single "
             "sets) are there to check them.")
-# half of a 90 % interval in standard deviations
-NINETY = 1.645
 
 
 def changes_within(run: Run) -> list[Mapping]:

@@ -39,7 +39,7 @@ def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdic
 
 def test_what_was_pushed_and_what_hid_something_is_said(full_run, unfigured):
     text = section_text(full_run)
-    assert ("k_j is shifted from its prior by +2.4 prior standard deviations where ±0.9 is expected, and by +0.3 once"
+    assert ("k_j is shifted from its prior by +2.4 prior standard deviations where ±0.9 is expected, and by +0.3 with"
             in text)
     assert "4 blocks left out in which the nacelle turned." in text
 

@@ -107,6 +107,20 @@ def test_what_the_steps_wrote_comes_back(directory, full_run):
     assert said["seed of the run"] == "7" and said["update.json"].startswith("SHA-256 ")
 
 
+def test_the_update_with_the_findings_in_it_leads(own, full_run):
+    """Made as `diagnose` states, beside the update of the model without them."""
+    extended = replace(full_run.update, set_id="mean of 5 blocks")
+    write_update(extended, own / "diagnosis.update.json")
+    run = read_run(own, silent)
+    assert run.update.set_id == "mean of 5 blocks" and run.posterior is None and run.comparison is None
+    said = dict(run.provenance)
+    assert "diagnosis.update.json" in said
+    assert {n for n, words in said.items() if words.startswith("not shown")} == {
+        "update.json", "posterior.nc", "compare.json"}
+    write_posterior(full_run.posterior, own / "diagnosis.posterior.nc")
+    assert read_run(own, silent).posterior is not None
+
+
 def test_an_overlap_of_records_is_counted_once(directory):
     facts = dict(read_run(directory, silent).campaign.facts)
     # 00:00-01:30 and 03:00-04:00
@@ -219,7 +233,7 @@ def test_a_diagnosis_of_these_files_is_taken(own, full_run):
 @pytest.mark.parametrize(("name", "words"), [
     ("parameters.toml", "another model or of other parameters"), ("modes.json", "other modal sets (modes.json "),
 ])
-def test_a_diagnosis_of_other_files_issetting_rows(own, full_run, name, words):
+def test_a_diagnosis_of_other_files_is_said(own, full_run, name, words):
     with_inputs(own, full_run.diagnosis)
     put(own, name, (own / name).read_text() + "\n")
     (said,) = read_run(own, silent).warnings

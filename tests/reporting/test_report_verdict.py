@@ -296,6 +296,25 @@ def shifted(run, p: float, size: float):
     return replace(run, diagnosis=content)
 
 
+def test_shifts_that_right_priors_make_are_said_of_a_tenth_of_records(sound):
+    rng, said, n = np.random.default_rng(4), 0, 400
+    for size in rng.standard_normal((n, 11)) * 0.9:
+        names = [f"k{j}" for j in range(11)]
+        changed = {"parameters": [{"name": n, "prior_shift": [x], "expected": [0.9]}
+                                  for n, x in zip(names, size, strict=True)], "p_together": [0.5]}
+        rows = [{"name": n, "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.0, "std": 0.1, "prior_shift": x}
+                for n, x in zip(names, size, strict=True)]
+        content = dict(sound.diagnosis, parameters=rows,
+                       details={"residuals": {"states": ["best"], "prior_shift": changed}})
+        said += bool(shift_findings(replace(sound, diagnosis=content)))
+    # 4.5 standard errors of a tenth of the records
+    assert said / n == pytest.approx(0.1, abs=4.5 * np.sqrt(0.09 / n))
+
+
+def shift_findings(run):
+    return [f for f in findings(run) if f.short.endswith("far from the prior")]
+
+
 @pytest.mark.parametrize(("p", "size", "level"), [(0.007, 3.2, "caution"), (0.2, 3.2, "caution"), (0.5, 0.3, "good")])
 def test_the_verdict_has_the_colour_of_its_worst_finding(sound, p, size, level):
     """A shift that chance does not explain is in the headline, not eight sections below a green one."""
