@@ -268,12 +268,13 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
     """What does not match, in words."""
     lines = []
     for one in records:
-        place = f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks,"
+        name = f"mode {one.label}" if one.label.isdigit() else one.label
+        place = f"{name} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks,"
         if one.match == "unlike" and one.found:
             scatter = f" +- {one.mac_std:.2f}" if np.isfinite(one.mac_std) else ""
             lines.append(
                 f"{place} looks unlike the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz: MAC "
-                f"{one.mac:.2f}{scatter}; kept by that name, as nothing else of the model is nearer")
+                f"{one.mac:.2f}{scatter}, and nothing else of the model is nearer; kept as {name}")
         elif one.match == "none" and one.found:
             lines.append(f"{place} {counterpart_words(one)}; kept as mode {one.label}")
     further = further_modes(records)
