@@ -7,11 +7,14 @@ import contextlib
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from probupdate.errors import plain
 from probupdate.runtime.progress import Progress
 
 SECONDS_BETWEEN_LINES = 10
+# files of one folder that are listed one by one
+MOST_LISTED = 20
 
 
 @contextlib.contextmanager
@@ -90,5 +93,19 @@ def answer(a: argparse.Namespace, result, files: Sequence = (), *, first: bool =
 
         say(json_object(a.verb, result.summary, result.to_frame(), files, **more))
         return
-    written = [f"wrote {path}" for path in files]
+    written = written_lines(files)
     say("\n".join([*written, result.summary] if first else [result.summary, *written]))
+
+
+def written_lines(files: Sequence) -> list[str]:
+    """A line a file, of a folder with many of them one line."""
+    folders: dict[Path, list[Path]] = {}
+    for path in map(Path, files):
+        folders.setdefault(path.parent, []).append(path)
+    lines = []
+    for folder, paths in folders.items():
+        if len(paths) <= MOST_LISTED:
+            lines += [f"wrote {path}" for path in paths]
+        else:
+            lines.append(f"wrote {len(paths)} files in {folder}: {paths[0].name} to {paths[-1].name}")
+    return lines

@@ -2,6 +2,9 @@
 
 import io
 import sys
+from pathlib import Path
+
+import pytest
 
 from probupdate.cli import terminal
 
@@ -31,3 +34,11 @@ def test_a_task_done_once_more_is_timed_anew(monkeypatch):
 
 def test_a_task_without_a_rate_is_only_alive(monkeypatch):
     assert said(monkeypatch, [(0, "search", 0, 3), (15, "search", 0, 3)]) == ["  search: 0 of 3"]
+
+
+@pytest.mark.parametrize(("count", "lines"), [(20, 21), (21, 2)])
+def test_many_files_of_one_folder_are_one_line(count, lines):
+    models = [Path("out") / "models" / f"draw_{k:02d}.dat" for k in range(count)]
+    shown = terminal.written_lines([Path("out") / "draws.csv", *models])
+    assert len(shown) == lines and shown[0] == f"wrote {Path('out') / 'draws.csv'}"
+    assert lines > 2 or str(count) in shown[1]
