@@ -51,9 +51,10 @@ class _Parser(argparse.ArgumentParser):
         # what is missing is what a misspelt option most likely meant
         missing = [k for k in known if k in message.replace(",", " ").split()]
         words = [w.split("=")[0] for w in self.given if w.startswith("--")]
-        near = [m for w in words if not any(k.startswith(w) for k in known)
-                for m in get_close_matches(w, missing, n=1) or get_close_matches(w, known, n=1)]
-        meant = f"; did you mean {' '.join(near)}?" if near else ""
+        unknown = [w for w in words if not any(k.startswith(w) for k in known)]
+        bare = [w for w in unknown if w[2:] in {a.dest for a in self._actions if not a.option_strings}]
+        near = [m for w in unknown for m in get_close_matches(w, missing, n=1) or get_close_matches(w, known, n=1)]
+        meant = f"; write it without {' '.join(bare)}" if bare else f"; did you mean {' '.join(near)}?" if near else ""
         self.exit(2, f"{self.prog}: {message}{meant}; see {self.prog} --help\n")
 
 

@@ -98,7 +98,7 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("export", run_export, "what a lifetime-extension analysis takes: draws, joint distribution, models, "
              "superelements, modes; each file read back and checked")
     p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
-    p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
+    p.add_argument("--to", choices=("lifetime",), default="lifetime", help="what the files are for (lifetime)")
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
     _add_model_elsewhere(p)
     p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")

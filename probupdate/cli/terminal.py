@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -98,14 +99,18 @@ def answer(a: argparse.Namespace, result, files: Sequence = (), *, first: bool =
 
 
 def written_lines(files: Sequence) -> list[str]:
-    """A line a file, of a folder with many of them one line."""
+    """A line a file; of a folder with many of them, below what they all have in common, one line."""
+    paths = [Path(path) for path in files]
+    shared = os.path.commonprefix([path.parent.parts for path in paths])
     folders: dict[Path, list[Path]] = {}
-    for path in map(Path, files):
-        folders.setdefault(path.parent, []).append(path)
+    for path in paths:
+        folder = Path(*path.parts[: len(shared) + 1]) if len(path.parts) > len(shared) + 1 else path.parent
+        folders.setdefault(folder, []).append(path)
     lines = []
-    for folder, paths in folders.items():
-        if len(paths) <= MOST_LISTED:
-            lines += [f"wrote {path}" for path in paths]
+    for folder, inside in folders.items():
+        if len(inside) <= MOST_LISTED:
+            lines += [f"wrote {path}" for path in inside]
         else:
-            lines.append(f"wrote {len(paths)} files in {folder}: {paths[0].name} to {paths[-1].name}")
+            first, last = (path.relative_to(folder) for path in (inside[0], inside[-1]))
+            lines.append(f"wrote {len(inside)} files in {folder}, {first} to {last}")
     return lines
