@@ -12,7 +12,7 @@ from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.parameter_table import KEYS, updated_parameters
-from probupdate.structure.schema import NotNegative, Number, Positive, Table, Vector
+from probupdate.structure.schema import NotNegative, Number, PoissonRatio, Positive, Table, Vector
 
 Group = Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"]
 
@@ -45,7 +45,7 @@ class Site(OnLand):
 
 class Steel(Table):
     youngs_modulus_pa: Positive
-    poisson_ratio: Annotated[float, Strict(), Field(gt=-1, lt=0.5)]
+    poisson_ratio: PoissonRatio
     density_kgpm3: Positive
 
 
@@ -163,7 +163,7 @@ class Monopile(Table):
 class Grout(Table):
     thickness_m: Positive
     youngs_modulus_pa: Positive
-    poisson_ratio: Annotated[float, Strict(), Field(gt=-1, lt=0.5)]
+    poisson_ratio: PoissonRatio
     density_kgpm3: Positive
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import reduce
 
 import numpy as np
 
@@ -57,8 +58,7 @@ GAP_M = 0.02
 
 def _check_units(d: Description) -> Iterator[Mistake]:
     for key, (low, high, unit) in RANGES.items():
-        table, name = key.split(".")
-        value = getattr(getattr(d, table, None), name, None)
+        value = reduce(lambda at, name: getattr(at, name, None), key.split("."), d)
         if value is not None and not low <= value <= high:
             yield key, f"{value:g} is outside {low:g} to {high:g}, what there is", f"give it in {unit}"
     if isinstance(d, Offshore):

@@ -24,6 +24,7 @@ from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.plausible_size import implausible_size
+from probupdate.structure.subdyn_doubts import doubtful_rows
 from probupdate.structure.subdyn_model import is_subdyn, read_description, turns_nacelle, with_tower
 
 if TYPE_CHECKING:
@@ -158,9 +159,8 @@ def unused_of(path: Path) -> tuple[str, ...]:
     """Sentences on what a model's files hold that is not used or has no effect; the project's own forms refuse it."""
     if not is_subdyn(path):
         return ()
-    if path.suffix == ".toml":
-        return with_tower(read_description(read_toml(path), path), path)[0].notes
-    return read_subdyn(path).notes
+    file = with_tower(read_description(read_toml(path), path), path)[0] if path.suffix == ".toml" else read_subdyn(path)
+    return (*doubtful_rows(file), *file.notes)
 
 
 def _distinguish_labels(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:

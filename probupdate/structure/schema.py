@@ -17,8 +17,12 @@ RANGES = {
     "steel.density_kgpm3": (500.0, 25e3, "kg/m3: steel has 7850"),
     "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
     "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
+    "transition_piece.grout.youngs_modulus_pa": (1e9, 1e11, "Pa: grout has 2e10 to 6e10"),
+    "transition_piece.grout.density_kgpm3": (500.0, 25e3, "kg/m3: grout has 2400"),
     "soil.submerged_unit_weight_npm3": (500.0, inf, "N/m3: clay has some 9000"),
 }
+# of an isotropic material that does not grow thicker when it is pulled, as no structural one does
+PoissonRatio = Annotated[float, Strict(), Field(ge=0, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 
 # one mistake: key path, what is wrong, what to do

@@ -49,6 +49,12 @@ class Section:
     torsion: complex
 
 
+def odd_ratio(e: float, g: float) -> float | None:
+    """Poisson's ratio where it is none of what structures are made of: below 0 or above 0.5, rounded."""
+    ratio = e / (2 * g) - 1
+    return None if 0 <= round(ratio, 1) <= 0.5 else ratio
+
+
 def tube(e, g, density, diameter, thickness) -> Section:
     """A circular tube, solid where the wall is 0; kappa after Steinboeck et al. (2013), as SubDyn takes it."""
     outer = 0.5 * diameter

@@ -43,7 +43,14 @@ from probupdate.structure.subdyn_frame import (
     stiffness_units,
     tube,
 )
-from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, body_of, mount_tower, tables_of
+from probupdate.structure.subdyn_tower import (
+    RotorNacelleEntry,
+    TowerEntry,
+    body_of,
+    check_material,
+    mount_tower,
+    tables_of,
+)
 
 # raise it when the same files give other matrices
 FORMULATION = 2
@@ -167,6 +174,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
     for name in ("tower", "rotor_nacelle"):
         if name in description.group:
             raise InputError(f"{path}: group.{name}", "is the name of what [tower] adds", "give the group another name")
+    check_material(entry, str(path))
     platform = None
     if entry.elastodyn is not None:
         read = read_elastodyn(file_beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)

@@ -13,7 +13,8 @@ from pydantic import Field, Strict
 from probupdate.errors import InputError
 from probupdate.io.elastodyn_file import RigidBody, Tower
 from probupdate.io.subdyn_file import Joint, Member, Row, SubDynFile
-from probupdate.structure.schema import Number, Positive, Table, Vector
+from probupdate.structure.schema import RANGES, Number, Positive, Table, Vector
+from probupdate.structure.subdyn_frame import odd_ratio
 
 # how far the foot may be from the joint it stands on, as a share of the tower's height
 GAP = 1e-4
@@ -68,6 +69,20 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
     return Tower(base_m=base_m, top_m=entry.top_m, point_mass=np.zeros((0, 2)), **{
         name: np.array(getattr(entry, name))
         for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
+
+
+def check_material(entry: TowerEntry, where: str) -> None:
+    """Refuse moduli and a density that no structural material has."""
+    ratio = odd_ratio(entry.youngs_modulus_pa, entry.shear_modulus_pa)
+    if ratio is not None:
+        raise InputError(f"{where}: tower.shear_modulus_pa", f"makes Poisson's ratio {ratio:.2g} with "
+                         "youngs_modulus_pa, which no structural material has",
+                         "check digits and units: steel has 8.08e10 and 2.1e11 Pa")
+    for name in ("youngs_modulus_pa", "density_kgpm3"):
+        low, high, unit = RANGES[f"steel.{name}"]
+        if not low <= getattr(entry, name) <= high:
+            raise InputError(f"{where}: tower.{name}", f"{getattr(entry, name):g} is outside {low:g} to {high:g}, what "
+                             "there is", f"give it in {unit}")
 
 
 def body_of(entry: RotorNacelleEntry) -> RigidBody:
