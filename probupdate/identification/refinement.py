@@ -20,6 +20,10 @@ from probupdate.runtime.arrays import frozen_array
 OVERLAP, MISFIT, SAME = CONSTANTS.overlap, CONSTANTS.largest_misfit, CONSTANTS.same_mode_std
 # modes of one group, and with their neighbours: S has their square of elements
 LARGEST, TOGETHER = 3, 5
+# half-power half-widths of a band that says all of a mode where the model of its force holds so far, and of one that says
+# most of it whatever the force is like farther off; standard deviations of their difference that chance exceeds once in
+# eighty times
+WIDE, NARROW, APART = 20.0, 4.0, 2.5
 # power of the frequency that a record's spectra have over those of accelerations
 POWER = {"acceleration": 0, "velocity": -1, "displacement": -2}
 
@@ -48,14 +52,15 @@ def refine_modes(
     for group in groups(poles.frequency_hz, poles.damping_ratio, np.flatnonzero(known)):
         if len(group) > min(LARGEST, len(real)) or (fixed is not None and fixed[group].any()):
             continue
-        away = np.abs(np.log(poles.frequency_hz / np.exp(np.log(poles.frequency_hz[group]).mean())))
-        near = [k for k in np.argsort(away) if known[k] and k not in group][: TOGETHER - len(group)]
-        place = np.array([*group, *near])
-        one = fit(spectrum, Start(
-            n_group=len(group), frequency_hz=poles.frequency_hz[place], damping_ratio=poles.damping_ratio[place],
-            shape=real[:, place], level=level[place]), parts)
-        if one is not None and _may_replace(one, poles, group):
-            found.append((group, one))
+        fits = []
+        for half_widths in (NARROW, WIDE):
+            place = np.array([*group, *_neighbours(poles.frequency_hz, group, known, half_widths)])
+            fits.append(fit(spectrum, Start(
+                n_group=len(group), frequency_hz=poles.frequency_hz[place], damping_ratio=poles.damping_ratio[place],
+                shape=real[:, place], level=level[place]), parts, half_widths))
+        fits = [one for one in fits if one is not None and _may_replace(one, poles, group)]
+        if fits:
+            found.append((group, fits[-1] if _agree(fits[0], fits[-1]) else fits[0]))
             taken[group] = True
     return _replace_modes(poles, found), frozen_array(taken, bool)
 
@@ -81,6 +86,28 @@ def groups(frequency_hz: np.ndarray, damping_ratio: np.ndarray, modes: np.ndarra
         else:
             found.append([int(k)])
     return found
+
+
+def _neighbours(frequency_hz: np.ndarray, group: list[int], known: np.ndarray, half_widths: float) -> list[int]:
+    """Modes whose tails stand beside a group's: in the narrow band those of the next below and the next above."""
+    away = np.log(frequency_hz / np.exp(np.log(frequency_hz[group]).mean()))
+    others = [k for k in np.argsort(np.abs(away)) if known[k] and k not in group]
+    if half_widths == WIDE:
+        return others[: TOGETHER - len(group)]
+    return [*[k for k in others if away[k] < 0][:1], *[k for k in others if away[k] > 0][:1]]
+
+
+def _agree(narrow: GroupFit, wide: GroupFit) -> bool:
+    """Whether what the lines farther off add is within chance: of an efficient estimate and one of fewer data the
+    difference has the difference of their variances (Hausman 1978). If not, the force is another one there."""
+    for change, of_narrow, of_wide in (
+        (np.log(narrow.frequency_hz / wide.frequency_hz), narrow.ln_frequency_std, wide.ln_frequency_std),
+        (narrow.damping_ratio - wide.damping_ratio, narrow.damping_std, wide.damping_std),
+    ):
+        variance = np.maximum(of_narrow**2 - of_wide**2, 0.0)
+        if np.any(change**2 > APART**2 * variance + 1e-4 * of_narrow**2):
+            return False
+    return True
 
 
 def _may_replace(one: GroupFit, poles: ModePoles, group: list[int]) -> bool:

@@ -16,13 +16,13 @@ from functools import cache
 import numpy as np
 from scipy import fft
 
-# half the band in half-power half-widths; bins of lines an e-fold of the distance from the resonance, beyond it
-WIDE, BINS = 20.0, 4.0
+# bins of lines an e-fold of the distance from the resonance, beyond a half-power half-width
+BINS = 4.0
 # lowest and highest frequency of a band over the group's
 BELOW, ABOVE = 0.6, 1.5
 # standard deviations of what the spectra may say little of: elements of S's root over those at the modes' resonances,
-# the power of the frequency by which S changes, ln noise
-FORCE_STD, SLOPE_STD, NOISE_STD = 1.0, 2.0, 1.5
+# the power of the frequency by which S changes (the tail of a wind sea falls with the fifth: Hasselmann 1973), ln noise
+FORCE_STD, SLOPE_STD, NOISE_STD = 1.0, 5.0, 1.5
 STEPS, TRIES, ENOUGH, LONGEST = 15, 6, 0.02, 0.7
 
 
@@ -119,12 +119,12 @@ class _Band:
         return _indices_above_diagonal(len(self.start.level))[::-1]
 
 
-def _band(spectrum: Spectrum, start: Start) -> _Band:
+def _band(spectrum: Spectrum, start: Start, half_widths: float) -> _Band:
     m, (n, p) = start.n_group, start.shape.shape
     # covariances at lag k are seen N - k times: resonances come out wider by 1 / T
     wider = 1 / (2 * np.pi * start.frequency_hz * spectrum.seconds)
     f, zeta = start.frequency_hz, start.damping_ratio + wider
-    line = _lines(spectrum.line_hz, f, zeta, m)
+    line = _lines(spectrum.line_hz, f, zeta, m, half_widths)
     value, line = spectrum.value[line], spectrum.line_hz[line]
     basis = start.shape if n > p else np.eye(n)
     inverse = np.linalg.pinv(basis)
@@ -152,11 +152,11 @@ def _band(spectrum: Spectrum, start: Start) -> _Band:
         wider=wider[:m])
 
 
-def _lines(line_hz: np.ndarray, f: np.ndarray, zeta: np.ndarray, m: int) -> np.ndarray:
+def _lines(line_hz: np.ndarray, f: np.ndarray, zeta: np.ndarray, m: int, half_widths: float) -> np.ndarray:
     """Lines about the group, at most to the middle between it and a neighbour, where that is clear of the neighbour."""
     half, lowest, highest = zeta * f, f[:m].min(), f[:m].max()
-    low = max((f - WIDE * half)[:m].min(), BELOW * lowest)
-    high = min((f + WIDE * half)[:m].max(), ABOVE * highest)
+    low = max((f - half_widths * half)[:m].min(), BELOW * lowest)
+    high = min((f + half_widths * half)[:m].max(), ABOVE * highest)
     for g, width in zip(f[m:], half[m:], strict=True):
         if g > highest:
             high = min(high, max(np.sqrt(g * highest), g - 4.5 * width))
@@ -267,17 +267,17 @@ def _move_state(band: _Band, state: _State, step: np.ndarray) -> _State:
                   noise=state.noise + float(np.clip(step[-1], -2, 2)))
 
 
-def fit(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
-    """The group at the greatest likelihood; None where the band is too short, no step leads anywhere, or a shape tells
+def fit(spectrum: Spectrum, start: Start, parts: int, half_widths: float) -> GroupFit | None:
+    """The group at the greatest likelihood in a band of so many half-power half-widths about it; None where the band is too short, no step leads anywhere, or a shape tells
     nothing (its information is singular)."""
     try:
-        return _search(spectrum, start, parts)
+        return _search(spectrum, start, parts, half_widths)
     except np.linalg.LinAlgError:
         return None
 
 
-def _search(spectrum: Spectrum, start: Start, parts: int) -> GroupFit | None:
-    band = _band(spectrum, start)
+def _search(spectrum: Spectrum, start: Start, parts: int, half_widths: float) -> GroupFit | None:
+    band = _band(spectrum, start, half_widths)
     m = start.n_group
     if len(band.first) < len(band.colour) + 4:
         return None

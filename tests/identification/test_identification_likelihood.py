@@ -64,7 +64,7 @@ def test_a_single_mode_scatters_as_the_bound(validation):
     for _ in range(120):
         one = fit(spectrum(rng, f, zeta + 1 / (2 * np.pi * f * seconds), SHAPE[:, :1], seconds=seconds, noise=1e-3),
                   Start(n_group=1, frequency_hz=f * 1.005, damping_ratio=zeta * 1.3, shape=SHAPE[:, :1] + 0.05,
-                        level=np.array([1.5])), 30)
+                        level=np.array([1.5])), 30, 20.0)
         assert one.converged and mac(one.shape, SHAPE[:, :1])[0, 0] > 0.9995
         found.append([np.log(one.frequency_hz[0] / 0.8), one.damping_ratio[0] / 0.02, one.ln_frequency_std[0],
                       one.damping_std[0] / 0.02, one.misfit])
@@ -87,7 +87,7 @@ def test_the_likelihood_of_every_line_has_the_same_maximum(validation):
     rng, f, zeta, seconds = np.random.default_rng(8), 0.7, 0.02, 3600.0
     drawn = spectrum(rng, np.array([f]), np.array([zeta]), SHAPE[:, :1], seconds=seconds, noise=0.3)
     one = fit(drawn, Start(n_group=1, frequency_hz=np.array([f]), damping_ratio=np.array([zeta]), shape=SHAPE[:, :1],
-                           level=np.ones(1)), 30)
+                           level=np.ones(1)), 30, 20.0)
     unit = SHAPE[:, 0] / (SHAPE[:, 0] @ SHAPE[:, 0])
     inside = (drawn.line_hz > 0.6 * f) & (drawn.line_hz < f * (1 + 20 * (zeta + 1 / (2 * np.pi * f * seconds))))
     line, power = drawn.line_hz[inside], np.abs(drawn.value[inside] @ unit) ** 2
@@ -119,7 +119,7 @@ def test_a_close_pair_is_found_together_and_its_plane_is_sharp():
     errors, start = [], Start(n_group=2, frequency_hz=f * [0.999, 1.001], damping_ratio=zeta * [1.2, 0.9], shape=wrong,
                               level=np.ones(2))
     for _ in range(12):
-        one = fit(spectrum(rng, f, zeta, SHAPE, seconds=seconds, noise=1e-3), start, 30)
+        one = fit(spectrum(rng, f, zeta, SHAPE, seconds=seconds, noise=1e-3), start, 30, 20.0)
         assert one.converged
         errors.append(np.log(one.frequency_hz / f) / one.ln_frequency_std)
         assert plane_mac(one.shape, SHAPE) > 0.9999 > plane_mac(wrong, SHAPE)
@@ -132,7 +132,7 @@ def test_a_force_that_falls_with_frequency_moves_nothing():
     for _ in range(15):
         drawn = spectrum(rng, f, zeta, SHAPE, seconds=1800.0, noise=1e-3, slope=-4.0)
         one = fit(drawn, Start(n_group=1, frequency_hz=f, damping_ratio=zeta, shape=poles.shape.real,
-                               level=np.array([8.0, 0.7])), 30)
+                               level=np.array([8.0, 0.7])), 30, 20.0)
         found.append(np.log(one.frequency_hz[0] / f[0]) / one.ln_frequency_std[0])
     assert abs(np.mean(found)) < 3 / np.sqrt(15)
 
@@ -143,13 +143,47 @@ def test_forces_that_grow_and_fade_widen_what_is_stated():
     stated = {}
     for swell in (0.0, 1.2):
         taken = []
-        for _ in range(6):
+        for _ in range(20):
             poles, by_likelihood = refine_modes(record(rng, f, zeta, SHAPE, swell=swell), RATE, begun(f, zeta, SHAPE),
                                                 highest_hz=2.25)
             taken += list(np.linalg.norm(poles.factors.ln_frequency, axis=1)[by_likelihood])
-        assert len(taken) >= 6
+        assert len(taken) >= 20
         stated[swell] = np.median(taken)
     assert stated[1.2] > 1.15 * stated[0.0]
+
+
+def sea_record(rng, f, zeta, shape, seconds=1800.0):
+    """Accelerations under forces that fall by the eighth power of frequency onto a white floor, of two modes from one
+    source, which drives a mode above the band too."""
+    n, fs = int(seconds * RATE), 4 * RATE
+    low, motion = signal.firwin(81, 0.9 * RATE / 2, fs=fs), []
+    source, far = rng.standard_normal(4 * n + 2000), [3.1]
+    for j, (one, z) in enumerate(zip([*f, *far], [*zeta, 0.01], strict=True)):
+        w = 2 * np.pi * one
+        b, a, _ = signal.cont2discrete(([1.0, 0, 0], [1.0, 2 * z * w, w * w]), 1 / fs, method="zoh")
+        sea = signal.butter(4, 0.55 * one, fs=fs, output="sos")
+        force = source if j == len(f) else rng.standard_normal(len(source)) + 12 * signal.sosfilt(
+            sea, source if j % 2 == 0 else rng.standard_normal(len(source)))
+        motion.append(np.convolve(signal.lfilter(b.ravel(), a, force), low, "same")[2000::4])
+    y = np.array(motion).T @ np.column_stack([shape, [0.5, 0.1, -0.6, 0.4, 0.9]]).T
+    y += 0.02 * y.std() * rng.standard_normal(y.shape)
+    return y - y.mean(axis=0)
+
+
+def test_forces_of_several_colours_move_modes_by_no_more_than_is_stated():
+    """Where the wide band would be off by more, the narrow one is taken. One band of 20 half-widths found the lowest
+    mode in none of 40 records and had damping 1.6 stated standard deviations off."""
+    rng, f, zeta = np.random.default_rng(1), np.array([0.8, 1.0, 1.6]), np.array([0.012, 0.015, 0.012])
+    shape, of_f, of_zeta = np.column_stack([SHAPE, [0.5, -0.2, 0.7, 1.0, -0.4]]), [], []
+    for _ in range(16):
+        poles, by_likelihood = refine_modes(sea_record(rng, f, zeta, shape), RATE, begun(f, zeta, shape),
+                                            highest_hz=2.25)
+        assert by_likelihood.all()
+        of_f.append(np.log(poles.frequency_hz / f) / np.linalg.norm(poles.factors.ln_frequency, axis=1))
+        of_zeta.append((poles.damping_ratio - zeta) / np.linalg.norm(poles.factors.damping_ratio, axis=1))
+    # 48 numbers: their root mean square is known to 10 %
+    for pull in (of_f, of_zeta):
+        assert 0.7 < np.sqrt(np.mean(np.square(pull))) < 1.45
 
 
 def test_a_machine_s_line_leaves_the_mode_as_it_was():
@@ -181,4 +215,4 @@ def test_a_shape_that_tells_nothing_leaves_the_group_as_it_is():
     drawn = spectrum(np.random.default_rng(2), np.array([1.0, 1.03]), np.full(2, 0.01), shape, seconds=600.0, noise=0.1)
     start = Start(n_group=2, frequency_hz=np.array([1.0, 1.03]), damping_ratio=np.full(2, 0.01), shape=shape,
                   level=np.ones(2))
-    assert fit(drawn, start, 20) is None
+    assert fit(drawn, start, 20, 20.0) is None
