@@ -22,8 +22,8 @@ OVERLAP, MISFIT, SAME = CONSTANTS.overlap, CONSTANTS.largest_misfit, CONSTANTS.s
 LARGEST, TOGETHER = 3, 5
 # half-power half-widths of a band that says all of a mode where the model of its force holds so far, and of one that says
 # most of it whatever the force is like farther off; standard deviations of their difference that chance exceeds once in
-# eighty times
-WIDE, NARROW, APART = 20.0, 4.0, 2.5
+# twenty times
+WIDE, NARROW, APART = 20.0, 4.0, 2.0
 # power of the frequency that a record's spectra have over those of accelerations
 POWER = {"acceleration": 0, "velocity": -1, "displacement": -2}
 
@@ -98,14 +98,17 @@ def _neighbours(frequency_hz: np.ndarray, group: list[int], known: np.ndarray, h
 
 
 def _agree(narrow: GroupFit, wide: GroupFit) -> bool:
-    """Whether what the lines farther off add is within chance: of an efficient estimate and one of fewer data the
-    difference has the difference of their variances (Hausman 1978). If not, the force is another one there."""
-    for change, of_narrow, of_wide in (
-        (np.log(narrow.frequency_hz / wide.frequency_hz), narrow.ln_frequency_std, wide.ln_frequency_std),
-        (narrow.damping_ratio - wide.damping_ratio, narrow.damping_std, wide.damping_std),
+    """Whether what the lines farther off add is within chance; if not, the force is another one there. The variance of
+    the difference is that of an efficient estimate and one of fewer data, the difference of theirs (Hausman 1978), and
+    no less than what the parts of the record say of it."""
+    for difference, infos, parts in (
+        (np.log(narrow.frequency_hz / wide.frequency_hz), (narrow.ln_frequency_std, wide.ln_frequency_std),
+         narrow.ln_frequency - wide.ln_frequency),
+        (narrow.damping_ratio - wide.damping_ratio, (narrow.damping_std, wide.damping_std),
+         narrow.damping - wide.damping),
     ):
-        variance = np.maximum(of_narrow**2 - of_wide**2, 0.0)
-        if np.any(change**2 > APART**2 * variance + 1e-4 * of_narrow**2):
+        variance = np.maximum(infos[0] ** 2 - infos[1] ** 2, np.sum(parts**2, axis=1))
+        if np.any(difference**2 > APART**2 * variance):
             return False
     return True
 
