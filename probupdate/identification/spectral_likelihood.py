@@ -268,8 +268,8 @@ def _move_state(band: _Band, state: _State, step: np.ndarray) -> _State:
 
 
 def fit(spectrum: Spectrum, start: Start, parts: int, half_widths: float) -> GroupFit | None:
-    """The group at the greatest likelihood in a band of so many half-power half-widths about it; None where the band is too short, no step leads anywhere, or a shape tells
-    nothing (its information is singular)."""
+    """The group at the greatest likelihood in a band of so many half-power half-widths about it; None where the band is
+    too short, no step leads anywhere, or a shape tells nothing (its information is singular)."""
     try:
         return _search(spectrum, start, parts, half_widths)
     except np.linalg.LinAlgError:
