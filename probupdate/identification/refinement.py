@@ -20,9 +20,9 @@ from probupdate.runtime.arrays import frozen_array
 OVERLAP, MISFIT, SAME = CONSTANTS.overlap, CONSTANTS.largest_misfit, CONSTANTS.same_mode_std
 # modes of one group, and with their neighbours: S has their square of elements
 LARGEST, TOGETHER = 3, 5
-# half-power half-widths of a band that says all of a mode where the model of its force holds so far, and of one that says
-# most of it whatever the force is like farther off; standard deviations of their difference that chance exceeds once in
-# twenty times
+# half-power half-widths of a band that says all of a mode where the model of its force holds so far, and of one that
+# says most of it whatever the force is like farther off; standard deviations of their difference that chance exceeds
+# once in twenty times
 WIDE, NARROW, APART = 20.0, 4.0, 2.0
 # power of the frequency that a record's spectra have over those of accelerations
 POWER = {"acceleration": 0, "velocity": -1, "displacement": -2}
