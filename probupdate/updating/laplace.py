@@ -104,10 +104,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         best = min(ends, key=lambda end: end[1])
         raise ConvergenceError(
             f"the posterior's maximum was not reached within {MAX_ITERATION} iterations from any of {len(starts)} "
-            "starts: the measured modes may not be this model's; check the order of the channels (x and y exchanged?), "
-            "units and pairing",
-            best[0],
-        )
+            f"starts: {_likely_reason(problem, best[0])}", best[0])
     theta, lowest, _ = min(settled, key=lambda end: end[1])
     highest = _laplace(problem, theta, ())
     others = sorted({
@@ -115,6 +112,22 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         if not is_same_maximum(end[0], highest) and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })
     return replace(highest, others=tuple(others))
+
+
+def _likely_reason(problem: Problem, theta: np.ndarray) -> str:
+    """Which measured modes have another of the model's at theta, the best parameters, than at the initial ones."""
+    found = problem.predict_many(np.array([problem.parameters.initial, theta]))
+    changed = np.flatnonzero(found.computed[0] != found.computed[1])
+    if not len(changed):
+        return ("the measured modes may not be this model's; check the order of the channels (x and y exchanged?), "
+                "units and pairing")
+    named = [problem.mode_labels[problem.used[k]] for k in changed]
+    said = ", ".join(
+        f"{label} is {found.frequency_hz[0, k]:.4g} Hz (MAC {found.mac[0, k]:.2f}) at the initial parameters and "
+        f"{found.frequency_hz[1, k]:.4g} Hz (MAC {found.mac[1, k]:.2f}) at the best" for k, label in zip(
+            changed, named, strict=True))
+    return (f"which of the model's modes is {' and '.join(named)} changes with the parameters ({said}); leave "
+            f"{'it' if len(named) == 1 else 'them'} out: list the other modes' labels behind the file of --modes")
 
 
 def probable_draws(problem: Problem) -> list[np.ndarray]:

@@ -297,6 +297,22 @@ def test_where_nothing_settles_the_best_parameters_are_handed_over(monkeypatch):
     assert function(error.value.estimate) < function(CHAIN_PARAMETERS.initial)
 
 
+def test_a_mode_whose_counterpart_changes_on_the_way_is_named(monkeypatch):
+    """Two oscillators, of which the data say that the softer one of the model is the stiffer."""
+    def solve(theta):
+        f, order = np.sqrt([theta[0], 1.3]), np.argsort([theta[0], 1.3])
+        return f[order], np.eye(2)[:, order]
+
+    parameters = Parameters((Parameter(name="k", unit="-", initial=1.0, std=1.0, lower=0.1, upper=9.0),))
+    model = FunctionModel(name="two", parameters=parameters, channels=("a", "b"), function=solve, version="1")
+    frequency, shape = solve([2.0])
+    data = ModalData(channels=("a", "b"), sets=(modal_set(frequency, shape, std=0.001 * frequency),))
+    problem = build_problem(model, data, weights=Weights(shape_std=False))
+    monkeypatch.setattr(laplace_module, "MAX_ITERATION", 1)
+    with pytest.raises(ConvergenceError, match="which of the model's modes is .* changes with the parameters"):
+        maximum_a_posteriori(problem, [np.array([1.0])])
+
+
 def test_the_updates_end_is_a_start_that_is_already_there():
     problem = chain_problem(noise=0.01, weights=Weights(frequency_cov=(0.015,) * 4, shape_std=False))
     anchored = update(problem)
