@@ -57,8 +57,9 @@ def axis_line(places: DofPlaces, mass: np.ndarray, *, bent: bool = False) -> np.
         nodes = np.bincount(np.unique(np.column_stack([number, places.node[moves]]), axis=0)[:, 0])
         rise = np.where(nodes > 2, rise, 0.0)
         if not rise.any():
-            fit = np.polyfit(position[:, 2], position[:, :2], 2, w=np.sqrt(mass[moves]))
-            return np.vander(places.position_m[:, 2], 3) @ fit
+            degree = min(2, len(np.unique(position[:, 2])) - 1)
+            fit = np.polyfit(position[:, 2], position[:, :2], degree, w=np.sqrt(mass[moves]))
+            return np.vander(places.position_m[:, 2], degree + 1) @ fit
     highest = np.flatnonzero(rise >= 0.99 * rise.max())
     if len(highest) == 1:
         return position[number == highest[0], :2].mean(axis=0)

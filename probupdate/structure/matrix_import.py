@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+# directions of a plane model, numbered from one -> the same where it stands upright
+IN_PLANE = {1: 1, 2: 3, 6: 5}
 # asymmetry of a matrix, of its largest entry, that is rounding of printed digits
 ROUNDING = 1e-8
 # a diagonal so many times the next lower one, with nothing beside it, stands for a held row
@@ -139,7 +141,7 @@ def import_matrices(
 def from_opensees(out: str | Path, *, ops=None, groups: str | Path | None = None) -> ImportedMatrices:
     """The model that OpenSeesPy holds, as `import_matrices` writes it. ops: `openseespy.opensees`; a groups.toml may
     name channels here; runs of parameters are of files, such as those that this writes."""
-    return write_matrices(opensees_matrices(ops), out, files=[Path("OpenSees")], groups=groups)
+    return write_matrices(_stand_upright(opensees_matrices(ops)), out, files=[Path("OpenSees")], groups=groups)
 
 
 def _read_files(files: Sequence[Path]) -> ProgramMatrices:
@@ -150,7 +152,26 @@ def _read_files(files: Sequence[Path]) -> ProgramMatrices:
         if "K0_data" in content or ("K0" in content and ("channel" in content or any(
                 key[:2] in ("K_", "M_") for key in content))):
             return _model_matrices(path, content)
-    return read_program_matrices(files)
+    return _stand_upright(read_program_matrices(files))
+
+
+def _stand_upright(given: ProgramMatrices) -> ProgramMatrices:
+    """A model whose nodes lie in one plane of x and y and move in it alone, with its y as z: programs draw plane frames
+    with y upwards, and z is upwards here."""
+    direction, place = given.direction, given.place
+    if direction is None or not place or not set(np.unique(direction).tolist()) <= set(IN_PLANE):
+        return given
+    if np.ptp([at[2] for at in place.values()]):
+        return given
+    # a turn from x to y about z is one from x to z, against that about y
+    sign = sparse.diags_array(np.where(direction == 6, -1.0, 1.0))
+    return replace(
+        given, stiffness=sparse.csc_array(sign @ given.stiffness @ sign),
+        mass=sparse.csc_array(sign @ given.mass @ sign),
+        direction=np.array([IN_PLANE.get(int(d), int(d)) for d in direction]),
+        place={node: np.array([x, -z, y]) for node, (x, y, z) in place.items()},
+        notes=(*given.notes, "a plane model stands upright: its y is z here, also in groups.toml, its rotation about z "
+                             "the one about y, reversed"))
 
 
 def _model_matrices(path: Path, content: dict[str, np.ndarray]) -> ProgramMatrices:

@@ -233,7 +233,7 @@ def test_a_live_model_of_opensees_keeps_its_frequencies(tmp_path, ops):
     expected = np.sqrt(np.array(ops.eigen("-fullGenLapack", 6))) / (2 * np.pi)
     result = probupdate.matrices.from_opensees(tmp_path / "model.npz", ops=ops)
     np.testing.assert_allclose(result.frequency_hz[:6], expected, rtol=1e-8)
-    assert set(result.channels) <= {f"{n}-{d}" for n in range(2, 7) for d in "xy"}
+    assert set(result.channels) <= {f"{n}-{d}" for n in range(2, 7) for d in "xz"}
 
 
 def model_of_opensees(ops, path, *, soft=1.0, heavy=1.0, groups=None):
@@ -287,10 +287,45 @@ def test_parameters_that_somebody_edited_are_not_replaced(tmp_path):
         probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
 
 
+def mast_of_opensees(ops, path, *, plane):
+    """A mast of four pieces with a mass on an arm, from a plane model with y upwards, or from one in space that is held
+    in its plane."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 2 if plane else 3, "-ndf", 3 if plane else 6)
+    places = [(0.0, 10.0 * k) for k in range(5)] + [(3.0, 40.0)]
+    for k, (across, up) in enumerate(places, 1):
+        ops.node(k, *((across, up) if plane else (across, 0.0, up)))
+        if not plane:
+            ops.fix(k, 0, 1, 0, 1, 0, 1)
+        if k > 1:
+            ops.mass(k, *((500.0, 500.0, 50.0) if plane else (500.0, 0.0, 500.0, 0.0, 50.0, 0.0)))
+    ops.fix(1, *((1, 1, 1) if plane else (1, 0, 1, 0, 1, 0)))
+    ops.geomTransf("Linear", 1, *(() if plane else (0.0, 1.0, 0.0)))
+    for k in range(5):
+        section = (0.01, 2.1e11, 8e-5) if plane else (0.01, 2.1e11, 8e10, 1e-5, 8e-5, 8e-5)
+        ops.element("elasticBeamColumn", k + 1, k + 1, k + 2, *section, 1)
+    groups = path.with_name("groups.toml")
+    groups.write_text("".join(f'[[channel]]\nname = "{n}{d}"\nnode = {n}\ndirection = "{d}"\n'
+                              for n in (3, 5, 6) for d in "xz"))
+    probupdate.matrices.from_opensees(path, ops=ops, groups=groups)
+    return load_model(path)
+
+
+def test_a_plane_model_of_opensees_stands_upright(tmp_path, ops):
+    """Names of modes, and what accelerometers feel of gravity as their place tilts, are those of the model in space."""
+    flat, space = (mast_of_opensees(ops, tmp_path / f"{plane}.npz", plane=plane) for plane in (True, False))
+    found, expected = (probupdate.model_modes(tmp_path / f"{plane}.npz", 4) for plane in (True, False))
+    assert found.labels == expected.labels
+    assert found.labels[:2] == ("X1", "X2")
+    assert all(flat.gravity.known) and all(space.gravity.known)
+    read = [m.solve(m.parameters.initial, 4).shape for m in (flat, space)]
+    np.testing.assert_allclose(read[0] * np.sign(read[0][2]), read[1] * np.sign(read[1][2]), rtol=1e-7, atol=1e-9)
+
+
 def test_elements_of_opensees_are_the_models_lines(tmp_path, ops):
     model_of_opensees(ops, tmp_path / "model.npz")
     wire = load_model(tmp_path / "model.npz").wire
-    ends = wire.node_m[wire.line][:, :, 1]
+    ends = wire.node_m[wire.line][:, :, 2]
     # the foot is held, and has no row
     assert sorted(map(tuple, ends.tolist())) == [(2.0 * k, 2.0 * k + 2.0) for k in range(1, 6)]
 
