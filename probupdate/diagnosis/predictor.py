@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -95,10 +95,11 @@ class ModalPredictor:
     def through_sensors(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
         """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
+        searched = *self._search_modes(local, local.at_rest), local.has_tuned
+        if self._pairs(*searched, effects) == self._pairs(*searched, self.seen):
+            return self
         marks = "|".join(f"{e.key} {size!r}" for e, size in effects)
-        other = replace(self, seen=tuple(effects), state=self.state + marks.encode())
-        same = other._pair_modes(local, local.at_rest)[1] == self._pair_modes(local, local.at_rest)[1]
-        return self if same else other
+        return replace(self, seen=tuple(effects), state=self.state + marks.encode())
 
     def group_members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
@@ -108,22 +109,39 @@ class ModalPredictor:
 
     def _pair_modes(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         shape, log = self._search_modes(local, modes)
+        return shape, self._pairs(shape, log, local.has_tuned, self.seen)
+
+    def _pairs(
+        self, shape: np.ndarray, log: np.ndarray, has_tuned: bool, seen: Sequence[tuple[Effect, float]]
+    ) -> list[tuple[int, ...]]:
+        """The computed modes of every group, ascending, of those with these shapes and ln f as sensors with the effects
+        `seen` show them."""
         if not len(shape):
-            measured = np.array([expected.mean() for expected in self.log_frequency])
-            return shape, [(int(i),) for i in pair_in_order(measured, log)]
-        shown, shift = _observed_shapes(shape, np.exp(log), self.seen)
-        score = self._scores(shown, log + shift, local.has_tuned)
+            return [(int(i),) for i in pair_in_order(self._centres, log)]
+        shown, shift = _observed_shapes(shape, np.exp(log), seen) if seen else (shape, 0.0)
+        score = self._scores(shown, log + shift, has_tuned)
         chosen = assign(score)
-        ends = np.cumsum([0, *(plane.shape[1] for plane in self.planes)])
         taken = set(chosen.tolist())
         groups = []
-        for plane, (start, end) in zip(self.planes, pairwise(ends), strict=True):
+        for plane, start, size in zip(self.planes, *self._places, strict=True):
+            end = start + size
             own = tuple(sorted(int(i) for i in chosen[start:end]))
             if len(own) == 2:
                 own = spanning(plane, shown, score[start], own, taken)
                 taken = taken - set(chosen[start:end].tolist()) | set(own)
             groups.append(own)
-        return shape, groups
+        return groups
+
+    @cached_property
+    def _centres(self) -> np.ndarray:
+        """(n_group,) mean ln f of each group."""
+        return np.array([expected.mean() for expected in self.log_frequency])
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n_group,) where each group's modes begin among all, and how many it has."""
+        sizes = np.array([plane.shape[1] for plane in self.planes])
+        return np.cumsum(sizes) - sizes, sizes
 
     def _search_modes(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, np.ndarray]:
         """Shapes at the measured channels (n_channel, n_search) and ln f (n_search,) of the modes that are looked
@@ -134,23 +152,23 @@ class ModalPredictor:
     def _scores(self, shape: np.ndarray, log: np.ndarray, has_tuned: bool) -> np.ndarray:
         """(n_measured, n_search) share of a computed shape in the measured plane and closeness of frequencies, 2 at
         most, which a pairing is by; -1 of modes that no sensor sees."""
-        score, seen = [], _is_seen(shape)
-        for q, (plane, expected) in enumerate(zip(self.planes, self.log_frequency, strict=True)):
-            share = _squares(plane.T @ shape) / np.where(seen, _squares(shape), 1.0)
-            near = _nearness(log - expected.mean())
+        seen, (starts, sizes) = _is_seen(shape), self._places
+        within = np.add.reduceat(np.abs(np.hstack(self.planes).T @ shape) ** 2, starts, axis=0)
+        share = within / np.where(seen, _squares(shape), 1.0)
+        score = np.where(seen, share + _nearness(log - self._centres[:, None]), -1.0)
+        if not has_tuned:
             # without what has it, a mode that the model lacks takes none that another one is
-            counts = AFTER_ALL_OTHERS if q in self.lacked and not has_tuned else 1.0
-            score += [counts * np.where(seen, share + near, -1.0)] * plane.shape[1]
-        return np.array(score)
+            score[list(self.lacked)] *= AFTER_ALL_OTHERS
+        return np.repeat(score, sizes, axis=0)
 
     @staticmethod
     def _with_mates(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
         """Each group's computed modes with those next to them that no group has: which direction of their common plane
         was measured is not known from the model."""
-        taken = {i for group in groups for i in group}
+        taken, near = {i for group in groups for i in group}, np.abs(log[:, None] - log) < MATE
         result = []
         for group in groups:
-            mates = [i for i in range(len(log)) if i not in taken and np.min(np.abs(log[list(group)] - log[i])) < MATE]
+            mates = [i for i in np.flatnonzero(near[list(group)].any(axis=0)).tolist() if i not in taken]
             taken.update(mates)
             result.append(tuple(sorted((*group, *mates))))
         return result
@@ -167,8 +185,12 @@ class ModalPredictor:
     def _reference(modes, shape, members, axes) -> tuple[Reference, np.ndarray]:
         """With `turn` (n_member, k): the directions of the members' plane that are nearest to the axes."""
         own = shape[:, list(members)]
-        left, _, right = np.linalg.svd(own.T @ axes, full_matrices=False)
-        turn = left @ right
+        turn = own.T @ axes
+        if turn.size == 1:
+            turn = np.where(turn < 0, -1.0, 1.0)
+        else:
+            left, _, right = np.linalg.svd(turn, full_matrices=False)
+            turn = left @ right
         log = np.log(modes.frequency_hz[list(members)])
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
@@ -415,9 +437,8 @@ def unit_scores(
     found = []
     for factor in factors:
         if not blocks.channels:
-            measured = np.array([expected.mean() for expected in start.log_frequency])
             there = log + np.log(factor)
-            found.append(_nearness(measured - there[pair_in_order(measured, there)]).mean())
+            found.append(_nearness(start._centres - there[pair_in_order(start._centres, there)]).mean())
             continue
         score = start._scores(shape, log + np.log(factor), has_tuned=False)
         found.append(score[np.arange(len(score)), assign(score)].mean())

@@ -298,6 +298,11 @@ class LocalModel:
         over all angles, which turn little (frequencies to 1e-5, shapes to 3e-4 of their largest)."""
         try:
             core, stiffness, mass, _ = self._core
+            if len(stiffness) == len(mass) == 1:
+                # nothing turns, and the core's modes are these
+                value, vectors = np.diag(stiffness[0])[:count], np.eye(core.shape[1])[:, :count]
+                return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core[:, :count],
+                                  on_core=vectors)
             wave = angle_harmonics(angle_deg)[: len(stiffness)]
             value, vectors = linalg.eigh(np.tensordot(wave, stiffness, 1), np.tensordot(wave, mass, 1),
                                          subset_by_index=None if count is None else (0, min(count, len(core.T)) - 1))

@@ -73,7 +73,7 @@ class ProjectedTerms:
 
     def _whole(self, weight: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
         """The rows in which sum_t weight_t K_t has entries, and what it has there (n_row, n_row)."""
-        sums = weight[: self.entry.shape[0]] @ self.entry
+        sums = self._by_entry @ weight[: self.entry.shape[0]]
         places = np.flatnonzero(sums)
         # entries stand column by column; what is symmetric has the same rows
         starts = np.searchsorted(places, self._starts)
@@ -83,6 +83,11 @@ class ProjectedTerms:
         whole = sparse.csr_array((sums[places], number[self.row[places]], np.append(starts[rows], len(places))),
                                  shape=(len(rows), len(rows)))
         return rows, whole
+
+    @cached_property
+    def _by_entry(self) -> sparse.csc_array:
+        """(n_entry, n_term), the same numbers."""
+        return self.entry.T
 
     @cached_property
     def moved(self) -> np.ndarray:
