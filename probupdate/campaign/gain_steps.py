@@ -292,7 +292,7 @@ def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
             whole = (first[:, c, c] + even[:, c, c] / size[:, c]).real / n_piece
             for k, sign in enumerate((1.0, -1.0)):
                 y = (first[:, others, c] + sign * even[:, others, c]) / n_piece
-                share = np.einsum("ki,ij,kj->k", y.conj(), inverse, y).real / np.maximum(whole, 1e-300)
+                share = np.sum(y.conj() * (y @ inverse.T), axis=1).real / np.maximum(whole, 1e-300)
                 left[k, :, c] += np.log(np.maximum(1 - share, RIDGE))
     gained = left[0].min(axis=0) - left[1].min(axis=0)
     c = int(np.argmax(gained))
