@@ -32,11 +32,12 @@ class ArrowFactor:
            rounding: float) -> ArrowFactor:
         """Of I + (1 + rounding on the diagonal) * scale * matrix * scale. Raises LinAlgError where it is singular."""
         def scaled(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-            block = matrix[np.ix_(rows, columns)]
-            block *= np.outer(scale[rows], scale[columns])
+            block = matrix[rows[:, None], columns]
+            block *= scale[rows, None] * scale[columns]
             if rows is columns:
-                block[np.diag_indices_from(block)] *= 1.0 + rounding
-                block[np.diag_indices_from(block)] += 1.0
+                diagonal = block.reshape(-1)[:: len(rows) + 1]
+                diagonal *= 1.0 + rounding
+                diagonal += 1.0
             return block
 
         own = _merge_groups(groups)

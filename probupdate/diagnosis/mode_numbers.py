@@ -130,7 +130,8 @@ def tensor_turn(shape: np.ndarray, axes: np.ndarray) -> np.ndarray:
     the plane, nearly the same for any tensor."""
     each = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]])
     each[2] *= np.sqrt(0.5)
-    return np.column_stack([numbers_of(Reference(tensor=one[None], shape=shape[None]), axes)[0, :3] for one in each])
+    found = numbers_of(Reference(tensor=each, shape=np.broadcast_to(shape, (3, *shape.shape))), axes)
+    return np.ascontiguousarray(found[:, :3].T)
 
 
 def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:

@@ -693,7 +693,7 @@ def assign(criterion: np.ndarray) -> np.ndarray:
     score = np.nan_to_num(criterion, nan=-1.0)
     best = np.argmax(score, axis=1)
     # mostly every row's best column is its own, and no assignment problem need be solved
-    if np.unique(best).size == best.size:
+    if len(set(best.tolist())) == best.size:
         return best
     _, columns = optimize.linear_sum_assignment(-score)
     return columns

@@ -65,7 +65,8 @@ def criteria_within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     have half of what they have one by one."""
     inside = plane.T @ shape / np.sqrt(np.maximum(np.sum(np.abs(shape) ** 2, axis=0), 1e-300))
     share = np.sum(np.abs(inside) ** 2, axis=0)
-    area = np.abs(np.outer(inside[0], inside[1]) - np.outer(inside[1], inside[0]))
+    crossed = inside[0][:, None] * inside[1]
+    area = np.abs(crossed - crossed.T)
     return 0.5 * (share[:, None] + share) + area
 
 
