@@ -226,6 +226,7 @@ def write_matrices(
     kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
     arrays = _channels_and_places(asked, base, str(groups or files[0]), notes)
+    notes += _lying_words(base)
     printed = given.frequency_hz if asked.check is None else np.array(asked.check.frequencies_hz)
     found = _solve_and_check(base, str(files[0]), printed)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -488,6 +489,16 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
     line = [(number[a], number[b]) for a, b in base.line if a in number and b in number]
     line = [(a, b) for a, b in line if not np.array_equal(place[a], place[b])]
     return found | ({"line": np.array(line)} if line else {})
+
+
+def _lying_words(base: ProgramMatrices) -> list[str]:
+    """A question where all nodes that are held stand at the least y, at several z: y is upwards in many programs."""
+    place = base.place or {}
+    every, feet = np.array(list(place.values())), np.array([place[n] for n in set(place) - set(np.ravel(base.node))])
+    if len(feet) < 3 or not np.ptp(feet[:, 2]) or np.any(feet[:, 1] > every[:, 1].min()) or not np.ptp(every[:, 1]):
+        return []
+    return ["all nodes that are held are at the least y and at several z: is y upwards in this model? z is here, in "
+            "the names of modes and in what sensors feel of gravity; turn the model in the program"]
 
 
 def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:

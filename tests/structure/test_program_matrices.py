@@ -322,6 +322,28 @@ def test_a_plane_model_of_opensees_stands_upright(tmp_path, ops):
     np.testing.assert_allclose(read[0] * np.sign(read[0][2]), read[1] * np.sign(read[1][2]), rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("up", [1, 2])
+def test_a_frame_with_y_upwards_is_asked_about(tmp_path, ops, up):
+    ops.wipe()
+    ops.model("basic", "-ndm", 3, "-ndf", 6)
+    section = (0.01, 2.1e11, 8e10, 1e-5, 5e-5, 5e-5)
+    corners = [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)]
+    ops.geomTransf("Linear", 1, 1.0, 0.3, 0.2)
+    for k, (a, b) in enumerate(corners, 1):
+        for level in (0, 1, 2):
+            ops.node(10 * level + k, *((a, 3.0 * level, b) if up == 1 else (a, b, 3.0 * level)))
+            if level:
+                ops.mass(10 * level + k, *[2000.0] * 3, *[100.0] * 3)
+                ops.element("elasticBeamColumn", 10 * level + k, 10 * level + k - 10, 10 * level + k, *section, 1)
+        ops.fix(k, *[1] * 6)
+    for level in (10, 20):
+        for k in range(4):
+            ops.element("elasticBeamColumn", 100 + level + k, level + k + 1, level + (k + 1) % 4 + 1, *section, 1)
+    asked = any("is y upwards" in note for note in
+                probupdate.matrices.from_opensees(tmp_path / "model.npz", ops=ops).notes)
+    assert asked is (up == 1)
+
+
 def test_elements_of_opensees_are_the_models_lines(tmp_path, ops):
     model_of_opensees(ops, tmp_path / "model.npz")
     wire = load_model(tmp_path / "model.npz").wire
