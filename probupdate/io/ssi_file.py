@@ -15,6 +15,8 @@ from probupdate.runtime.arrays import frozen_array
 AXES = ("x", "y", "z", "tx", "ty", "tz")
 # SubDyn's own names: the upper triangle, column by column; of Kxy there is no Kyx
 PLACES = {f"{a}{b}": (i, j) for j, b in enumerate(AXES) for i, a in enumerate(AXES[: j + 1])}
+# of a matrix's terms, by the digits that they are written with
+DIGITS = 0.01
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,8 +58,30 @@ def parse_ssi(lines, where: str, name: str) -> SsiFile:
             raise InputError(f"{where}, line {at}", f"'{found[1]}' is given twice with different values", "keep one")
         matrix = matrices[key[0]]
         matrix[place] = matrix[place[::-1]] = value
+    for word, matrix in zip(("stiffness", "mass"), matrices.values(), strict=True):
+        if _least_share(matrix) < -DIGITS:
+            raise InputError(where, f"its {word} is below zero for some motion, as that of no foundation is",
+                             "check the signs of the diagonal and whether a coupling, such as Kxty, is too large")
+    notes += _sign_words(where, matrices["k"])
     return SsiFile(name=name, stiffness=frozen_array(matrices["k"]), mass=frozen_array(matrices["m"]),
                    lines=tuple(lines), notes=tuple(notes))
+
+
+def _least_share(matrix: np.ndarray) -> float:
+    """The least eigenvalue (6, 6), each direction in a unit in which its own term is one."""
+    unit = np.sqrt(np.abs(np.diag(matrix)))
+    unit[unit == 0] = 1.0
+    return float(np.linalg.eigvalsh(matrix / np.outer(unit, unit))[0])
+
+
+def _sign_words(where: str, stiffness: np.ndarray) -> list[str]:
+    """Where a foundation that is pushed along x or y turns against the push, as none below its joint does."""
+    for name, wrong in (("Kxty", stiffness[PLACES["xty"]] > 0), ("Kytx", stiffness[PLACES["ytx"]] < 0)):
+        if wrong and abs(stiffness[PLACES[name[1:]]]) > DIGITS * np.sqrt(
+                np.prod(np.diag(stiffness)[list(PLACES[name[1:]])])):
+            return [f"{where}: {name} is {'above' if name == 'Kxty' else 'below'} zero: soil below its joint has Kxty "
+                    "below and Kytx above zero, by the right-hand rule with z upwards; check the signs"]
+    return []
 
 
 def _term(found: list[str]) -> tuple[str, float | None]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from probupdate.io.subdyn_file import BEAMS, Member, SubDynFile
+from probupdate.io.subdyn_file import BEAMS, Member, Row, SubDynFile
 from probupdate.structure.subdyn_frame import SAME_PLACE, odd_ratio
 
 # m/s, the most at which sound runs in any solid: Trachenko et al., Science Advances 6 (2020), eabc8662
@@ -23,7 +23,7 @@ Doubt = tuple[int, str]
 def doubtful_rows(file: SubDynFile) -> tuple[str, ...]:
     """Sentences, one of each kind, with the first line that it holds for and how many more."""
     said = []
-    for kind in (_odd_ratios, _odd_densities, _members_twice, _loose_joints):
+    for kind in (_odd_ratios, _odd_densities, _large_sections, _rows_twice, _loose_joints):
         found = list(kind(file))
         more = f" (and {len(found) - 1} more)" if found[1:] else ""
         said += [f"{file.where}, line {line}{more}: {text}" for line, text in found[:1]]
@@ -53,14 +53,27 @@ def _odd_densities(file: SubDynFile) -> Iterator[Doubt]:
                          "kg/m), not t, unless the part is to be rigid or without mass")
 
 
-def _members_twice(file: SubDynFile) -> Iterator[Doubt]:
-    first: dict[frozenset[int], Member] = {}
+def _large_sections(file: SubDynFile) -> Iterator[Doubt]:
+    extent = float(np.max(np.ptp([joint.position_m for joint in file.joints], axis=0)))
+    for member in file.members:
+        if 2 * _radius_m(file, member) > extent:
+            yield file.set_of(member).line, (f"the section of member {member.id} is {2 * _radius_m(file, member):g} m "
+                                             f"wide, the whole structure {extent:g} m: give metres, not mm")
+
+
+def _rows_twice(file: SubDynFile) -> Iterator[Doubt]:
+    first: dict[object, Member | Row] = {}
     for member in file.members:
         other = first.setdefault(frozenset(member.joints), member)
         if other is not member:
             yield member.line, (f"member {member.id} joins the joints of member {other.id} (line {other.line}) again "
                                 "and both count: take one out, unless two parts stand side by side or within one "
                                 "another")
+    for row in file.masses:
+        other = first.setdefault((row.id, row.values), row)
+        if other is not row and any(row.values):
+            yield row.line, (f"the concentrated mass of joint {row.id} in line {other.line} is listed again and both "
+                             "count: take one out, unless there are two")
 
 
 def _radius_m(file: SubDynFile, member: Member) -> float:

@@ -11,10 +11,10 @@ JOINTS = ["0 0 0", "10 0 0", "0 0 20", "10 0 20"]
 MEMBERS = ["1 3 1 1 1c", "2 4 1 1 1c", "3 4 2 2 1c", "1 4 2 2 1c"]
 
 
-def notes(folder, capsys, joints=(), members=MEMBERS, leg=STEEL, **sets):
+def notes(folder, capsys, joints=(), members=MEMBERS, leg=STEEL, size=LEG, **sets):
     """Those of a portal frame with a diagonal, by `probupdate modes`."""
     path = folder / "frame.dat"
-    path.write_text(subdyn([*JOINTS, *joints], members, HELD, circular=[f"1 {leg} {LEG}", f"2 {STEEL} {BRACE}"],
+    path.write_text(subdyn([*JOINTS, *joints], members, HELD, circular=[f"1 {leg} {size}", f"2 {STEEL} {BRACE}"],
                            fem=3, div=2, **sets))
     assert main(["modes", str(path), "--count", "3"]) == 0
     return [line for line in capsys.readouterr().out.splitlines() if "frame.dat, line" in line]
@@ -23,8 +23,10 @@ def notes(folder, capsys, joints=(), members=MEMBERS, leg=STEEL, **sets):
 @pytest.mark.parametrize(("changed", "line", "problem"), [
     ({"leg": "2.1e11 8.08e13 7850"}, 56, "make Poisson's ratio -1, "),
     ({"leg": "2.1e11 8.08e9 7850"}, 56, "make Poisson's ratio 12, "),
+    ({"leg": "2.1e11 8.08e10 7850", "size": "1200 50"}, 56, "the section of member 1 is 1200 m wide"),
     ({"leg": "2.1e11 8.08e10 7.85"}, 56, "MatDens 7.85 is little for a stiffness of 2.1e+11"),
     ({"members": [*MEMBERS, "4 3 2 2 1c"]}, 52, "member 5 joins the joints of member 3 (line 50) again"),
+    ({"mass": ["4 2e4 0 0 0 0 0 0 0 0 0"] * 2}, 87, "the concentrated mass of joint 4 in line 86 is listed again"),
     # a joint drawn twice; one that hangs on a leg without an end of it there; one inside a beam listed whole and halved
     ({"joints": ["0 0 20.001"], "members": ["1 5 1 1 1c", *MEMBERS[1:]]}, 32, "joint 3 stands within member 1"),
     ({"joints": ["0.1 0 10"], "members": [*MEMBERS, "5 2 2 2 1c"]}, 34,
@@ -35,6 +37,34 @@ def test_an_odd_row_is_said_with_its_line(changed: dict, line: int, problem: str
     said = notes(tmp_path, capsys, **changed)
     assert len(said) == 1
     assert f"frame.dat, line {line}" in said[0] and problem in said[0]
+
+
+def soil_notes(folder, capsys, *terms):
+    """What `modes` ends with and says of a frame on soil whose file has these terms beside its diagonal."""
+    diagonal = ("5e8 Kxx", "5e8 Kyy", "2e9 Kzz", "1e10 Ktxtx", "1e10 Ktyty", "1e9 Ktztz")
+    (folder / "soil.txt").write_text("\n".join((*diagonal, *terms)))
+    path = folder / "frame.dat"
+    path.write_text(subdyn(JOINTS, MEMBERS, [f'{j} 0 0 0 0 0 0 "soil.txt"' for j in (1, 2)],
+                           circular=[f"1 {STEEL} {LEG}", f"2 {STEEL} {BRACE}"]))
+    code, said = main(["modes", str(path), "--count", "3"]), capsys.readouterr()
+    return code, [line for line in (said.out + said.err).splitlines() if "soil.txt" in line]
+
+
+@pytest.mark.parametrize(("terms", "words"), [
+    (["-2e9 Kxty", "2e9 Kytx"], ""), (["2e9 Kxty", "2e9 Kytx"], "Kxty is above zero"),
+    (["-2e9 Kxty", "-2e9 Kytx"], "Kytx is below zero"),
+])
+def test_soil_that_turns_against_a_push_is_said(terms: list, words: str, tmp_path, capsys):
+    code, said = soil_notes(tmp_path, capsys, *terms)
+    assert code == 0
+    assert [words in line for line in said] == ([True] if words else [])
+
+
+@pytest.mark.parametrize("terms", [["-3e9 Kxty"], ["-1e5 Mxx"]])
+def test_soil_below_zero_for_some_motion_is_refused(terms: list, tmp_path, capsys):
+    code, said = soil_notes(tmp_path, capsys, *terms)
+    assert code == 2
+    assert "below zero for some motion" in said[0]
 
 
 @pytest.mark.parametrize("changed", [
