@@ -11,6 +11,8 @@ from probupdate.modal.modes import OWN_DIRECTIONS, spanning
 from probupdate.updating.responses import ResponseGroup
 
 
+# within wide bounds a function may answer with a frequency below zero
+@np.errstate(invalid="ignore", divide="ignore")
 def paired_modes(
     groups: Sequence[ResponseGroup], frequency_hz: np.ndarray, shape: np.ndarray, least_motion: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -25,15 +27,16 @@ def paired_modes(
     # what hardly moves the channels has a shape there by chance
     unseen = np.sum(shape[:, measured] ** 2, axis=1) < least_motion**2
     criterion, score, chosen, doubtful = [], [], [], np.zeros(len(shape), bool)
+    log = np.log(frequency_hz)
     for group in groups:
         rows = shape[:, group.rows]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            inside = np.einsum("ck,ncm->nkm", group.plane, rows) / np.linalg.norm(rows, axis=1)[:, None]
-            # within wide bounds a function may answer with a frequency below zero
-            off = np.abs(np.log(frequency_hz) - np.mean(np.log(group.frequency_hz)))
-        share = np.where(unseen, -1.0, np.nan_to_num(np.sum(inside**2, axis=1), nan=-1.0))
+        length = np.linalg.norm(rows, axis=1)
+        still = unseen | ~((length > 0) & (length < np.inf))
+        inside = np.einsum("ck,ncm->nkm", group.plane, rows) / np.where(still, 1.0, length)[:, None]
+        share = np.where(still, -1.0, np.sum(inside**2, axis=1))
         criterion += [share] * group.size
-        score += [share - CLEAR * np.minimum(np.nan_to_num(off, nan=np.inf, posinf=np.inf) / APART, 1.0)] * group.size
+        off = np.abs(log - np.log(group.frequency_hz).mean())
+        score += [share - CLEAR * np.fmin(off / APART, 1.0)] * group.size
         best = np.sort(np.argsort(-score[-1], axis=1, kind="stable")[:, : group.size], axis=1)
         if group.size == 2:
             a, b = np.take_along_axis(inside, best[:, None], axis=2).transpose(2, 1, 0)

@@ -324,7 +324,7 @@ class ResponseGroup:
             turn = np.linalg.solve(inside, self.plane.T @ self.basis)
             moved = np.einsum("cjp,jk->ckp", change, turn)
             back = shape @ np.linalg.inv(inside)
-            return moved - np.einsum("cj,dj,dkp->ckp", back, self.plane, moved, optimize=True)
+            return moved - (back @ (self.plane.T @ moved.reshape(len(moved), -1))).reshape(moved.shape)
         scale = self.shape_std[:, None]
         over, d_over = shape / scale, change / scale[:, :, None]
         aligned, turn, inverse = align(over[None], self.scaled_basis)
@@ -348,9 +348,9 @@ def align(shape: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def align_derivative(shape, change, turn, inverse, residual) -> np.ndarray:
     """d(Y T) (n_row, k, n_param) from dY: (1 - P) dY T + Y (Y^T Y)^-1 dY^T R with the projector P and R = X - Y T."""
     moved = np.einsum("cjp,jk->ckp", change, turn)
-    projected = np.einsum("cj,jl,dl,dkp->ckp", shape, inverse, shape, moved, optimize=True)
-    turned = np.einsum("cj,jl,dlp,dk->ckp", shape, inverse, change, residual, optimize=True)
-    return moved - projected + turned
+    projected = (shape.T @ moved.reshape(len(shape), -1)).reshape(-1, *moved.shape[1:])
+    turned = np.tensordot(change, residual, (0, 0)).transpose(0, 2, 1)
+    return moved + ((shape @ inverse) @ (turned - projected).reshape(shape.shape[1], -1)).reshape(moved.shape)
 
 
 def joint_root(groups: tuple[ResponseGroup, ...], least_std: tuple[float, float]) -> np.ndarray:
