@@ -111,7 +111,9 @@ class Description:
 def read_description(path: str | Path, channels: tuple[str, ...]) -> Description:
     """Read convert.toml. Raises InputError for unknown keys, wrong kinds, a zone that is none, a path that leaves."""
     path = Path(path)
-    described = table_as(_Written, read_toml(path), str(path))
+    described = table_as(_Written, read_toml(path, absent=(
+        "`probupdate convert --describe RAW --out NEW/campaign.toml` writes one from your records: copy it and fill in "
+        'every "?", or write it as docs/formats/convert.md has it')), str(path))
     files = described.files
     if PurePosixPath(files).is_absolute() or ".." in PurePosixPath(files).parts or "\\" in files:
         raise InputError(f"{path}, files", f"'{files}' leaves the folder of the sources", "give a pattern below it")

@@ -402,6 +402,20 @@ def described_anew(folder: Path) -> list[str]:
     return words
 
 
+def described_later(folder: Path) -> list[str]:
+    words = record(table(csv), UTC)(folder)
+    (folder / "camp" / "convert.toml").unlink()
+    return words
+
+
+def copied_description(folder: Path, text: str) -> None:
+    """That of the command named, which takes the template's place beside a campaign.toml that is there already."""
+    found = re.search(r"`probupdate (convert --describe) RAW --out NEW/campaign.toml`", text)
+    assert main([*found[1].split(), str(folder / "raw"), "--out", str(folder / "new" / "campaign.toml")]) == 0
+    filled = (folder / "new" / "convert.toml").read_text().replace('"?"', '"UTC"')
+    (folder / "camp" / "convert.toml").write_text(filled)
+
+
 def forgotten(folder: Path, text: str) -> None:
     """What came of a source and its entry, as the error names them, deleted."""
     found = re.search(r"delete what came of it \((.*?) \.\.\.\) and its entry in (\S+),", text)
@@ -447,6 +461,7 @@ RECORDS |= {
     "a channel's name": (record(table(csv), UTC + "[columns]\n" + "".join(
         f'"{c.replace("T90-", "T90")}" = "{c}"\n' for c in PLACES)), "is not a channel of campaign.toml",
         meant("camp/convert.toml", r"'([^']*)' is not a channel")),
+    "no description": (described_later, "convert.toml: no such file", by(copied_description)),
     "a description that changed": (described_anew, "description changed after it was converted", by(forgotten)),
     "poles in per cent": (poles('damping_unit = "ratio"\n', 1.0), "median damping ratio", into("poles.toml")),
     "poles as shares": (poles('damping_unit = "%"\n', 0.01), "median damping ratio", into("poles.toml")),
