@@ -327,11 +327,15 @@ def opensees_matrices(ops=None) -> ProgramMatrices:
         raise InputError("OpenSees", "holds no model", "build it first")
     K, M = assembled(0.0, 1.0), assembled(1.0, 0.0)
     node, direction = np.zeros(len(K), int), np.zeros(len(K), int)
-    # nodes that are linked share equations: the lowest number is the row's name
-    for tag in sorted(tags, reverse=True):
-        for k, equation in enumerate(ops.nodeDOFs(tag)):
+    # of a node that follows others, as a diaphragm's do, OpenSees lists its free directions first, then the equations
+    # of those it follows, which have their names from them
+    follows = {tag: ops.getConstrainedDOFs(tag) for tag in np.atleast_1d(ops.getConstrainedNodes()).tolist()}
+    for tag in tags:
+        equations = ops.nodeDOFs(tag)
+        own = [k for k in range(1, len(equations) + 1) if k not in np.atleast_1d(follows.get(tag, ()))]
+        for k, equation in zip(own, equations, strict=False):
             if 0 <= equation < len(K):
-                node[equation], direction[equation] = tag, k + 1
+                node[equation], direction[equation] = tag, k
     ops.wipeAnalysis()
     planar = len(ops.nodeCoord(tags[0])) == 2
     if planar:

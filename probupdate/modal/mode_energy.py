@@ -63,7 +63,7 @@ def axis_line(places: DofPlaces, mass: np.ndarray, *, bent: bool = False) -> np.
     highest = np.flatnonzero(rise >= 0.99 * rise.max())
     if len(highest) == 1:
         return position[number == highest[0], :2].mean(axis=0)
-    return np.average(position[:, :2], axis=0, weights=mass[moves])
+    return np.average(position[:, :2], axis=0, weights=mass[moves] if mass[moves].any() else None)
 
 
 def energy_character(

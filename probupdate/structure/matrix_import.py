@@ -451,7 +451,8 @@ def _no_row(base: ProgramMatrices, where: str, node: int, axis: str) -> InputErr
     span = f"nodes that move have numbers {moving[0]} to {moving[-1]}"
     there = [AXES[d - 1] for d in sorted(base.direction[base.node == node])]
     if there:
-        return InputError(where, f"node {node} has no free row along {axis}", f"free there: {', '.join(there)}")
+        return InputError(where, f"node {node} has no free row along {axis}", f"free there: {', '.join(there)}; of a "
+                          "node that follows another, as in a diaphragm, write channel_row into the .npz")
     if node in (base.place or {}):
         return InputError(where, f"node {node} has no free row: it is held, or follows another node",
                           f"name a node that moves; {span}")

@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 import probupdate
 from probupdate.cli import main
 from probupdate.errors import InputError
+from probupdate.modal.shape_criteria import mac
 from probupdate.structure.load import load_model
 
 N, SPRING, MASS = 8, 2.0e7, 3.0e3
@@ -320,6 +321,43 @@ def test_a_plane_model_of_opensees_stands_upright(tmp_path, ops):
     assert all(flat.gravity.known) and all(space.gravity.known)
     read = [m.solve(m.parameters.initial, 4).shape for m in (flat, space)]
     np.testing.assert_allclose(read[0] * np.sign(read[0][2]), read[1] * np.sign(read[1][2]), rtol=1e-7, atol=1e-9)
+
+
+def storeys_of_opensees(ops):
+    """Three storeys whose floors are rigid diaphragms about nodes 101 to 103, all mass there."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 3, "-ndf", 6)
+    ops.geomTransf("Linear", 1, 1.0, 0.2, 0.1)
+    corners, section = [(0.0, 0.0), (8.0, 0.0), (8.0, 5.0), (0.0, 5.0)], (0.02, 2.1e11, 8e10, 4e-4, 3e-4, 2e-4)
+    for k, (x, y) in enumerate(corners, 1):
+        for level in range(4):
+            ops.node(10 * level + k, x, y, 3.0 * level)
+            if level:
+                ops.element("elasticBeamColumn", 10 * level + k, 10 * level + k - 10, 10 * level + k, *section, 1)
+        ops.fix(k, *[1] * 6)
+    for level in (1, 2, 3):
+        ops.node(100 + level, 4.5, 2.0, 3.0 * level)
+        ops.fix(100 + level, 0, 0, 1, 1, 1, 0)
+        ops.mass(100 + level, 4e4, 4e4, 0.0, 0.0, 0.0, 3.2e5)
+        ops.rigidDiaphragm(3, 100 + level, *[10 * level + k for k in range(1, 5)])
+
+
+def test_channels_of_a_diaphragm_of_opensees_read_its_own_motion(tmp_path, ops):
+    storeys_of_opensees(ops)
+    ops.eigen("-fullGenLapack", 3)
+    expected = np.array([[ops.nodeEigenvector(node, j, d) for j in (1, 2, 3)] for node in (101, 103) for d in (1, 2)])
+    groups = tmp_path / "groups.toml"
+    groups.write_text("".join(f'[[channel]]\nname = "{node}{d}"\nnode = {node}\ndirection = "{d}"\n'
+                              for node in (101, 103) for d in "xy"))
+    probupdate.matrices.from_opensees(tmp_path / "model.npz", ops=ops, groups=groups)
+    assert np.abs(expected[3, 0]) > np.abs(expected[2, 0])
+    assert probupdate.model_modes(tmp_path / "model.npz", 3).labels == ("Y1", "X1", "T1")
+    model = load_model(tmp_path / "model.npz")
+    shape = model.solve(model.parameters.initial, 3).shape
+    assert np.diag(mac(shape, expected)) == pytest.approx(1.0)
+    groups.write_text('[[channel]]\nname = "corner"\nnode = 31\ndirection = "x"\n')
+    with pytest.raises(InputError, match="node 31 has no free row along x; free there: z, rx, ry"):
+        probupdate.matrices.from_opensees(tmp_path / "corner.npz", ops=ops, groups=groups)
 
 
 @pytest.mark.parametrize("up", [1, 2])
