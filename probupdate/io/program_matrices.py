@@ -115,32 +115,48 @@ def _calculix(path: Path) -> ProgramMatrices:
         raise InputError(str(rows), f"names {len(node)} rows, the matrices have {n}",
                          "keep the files of one run together")
     deck = path.with_suffix(".inp")
-    place = _deck_nodes(deck) if deck.is_file() else None
+    place, said = _deck_nodes(deck) if deck.is_file() else (
+        None, (f"{deck.name} does not lie beside it: nodes have no places",))
     printed = path.with_suffix(".dat")
     return ProgramMatrices(
         stiffness=_grow_matrix(K, n), mass=_grow_matrix(M, n), node=node, direction=direction, place=place,
         frequency_hz=_calculix_frequencies(printed) if printed.is_file() else None,
-        notes=() if place is not None else (f"{deck.name} does not lie beside it: nodes have no places",))
+        notes=said)
 
 
-def _deck_nodes(path: Path) -> dict[int, np.ndarray]:
-    """Places of the nodes of *NODE cards of a CalculiX or Abaqus deck."""
+# cards of a deck that change what nodes' places or rows mean, and are not read
+OTHER_AXES = {"*TRANSFORM": "rows of its nodes may be along the axes that it states, not along x, y, z",
+              "*SYSTEM": "places of the nodes behind it are in axes of its own",
+              "*INCLUDE": "nodes of the file that it names have no places: put their *NODE card into the deck"}
+
+
+def _deck_nodes(path: Path) -> tuple[dict[int, np.ndarray], tuple[str, ...]]:
+    """Places of the nodes of *NODE cards of a CalculiX or Abaqus deck, also in cylindrical coordinates, and sentences
+    on cards that are not read."""
     found: dict[int, np.ndarray] = {}
-    reading = False
-    for line in _text(path).splitlines():
+    reading, round_about, said = False, False, {}
+    for at, line in enumerate(_text(path).splitlines(), 1):
         text = line.strip()
         if text.startswith("**") or not text:
             continue
         if text.startswith("*"):
             words = text.upper().replace(" ", "").split(",")
-            reading = words[0] == "*NODE"
+            reading, system = words[0] == "*NODE", next((w[7:] for w in words if w.startswith("SYSTEM=")), "R")
+            round_about = reading and system == "C"
+            if words[0] in OTHER_AXES:
+                said.setdefault(words[0], f"{path.name}, line {at}: {words[0]} is not read: {OTHER_AXES[words[0]]}")
+            if reading and system not in ("R", "C"):
+                raise InputError(f"{path}, line {at}", f"gives nodes in SYSTEM={system}", "give them in x, y, z")
             continue
         if reading:
             numbers = [w for w in text.split(",") if w.strip()]
             place = np.zeros(3)
             place[: len(numbers) - 1] = [float(w) for w in numbers[1:4]]
+            if round_about:
+                radius, angle = place[0], np.radians(place[1])
+                place[:2] = radius * np.cos(angle), radius * np.sin(angle)
             found[int(numbers[0])] = place
-    return found
+    return found, tuple(said.values())
 
 
 def _calculix_frequencies(path: Path) -> np.ndarray | None:
@@ -280,8 +296,9 @@ def _abaqus(stiffness: Path, mass: Path) -> ProgramMatrices:
         row, column = ([number[int(a), int(b)] for a, b in own[:, pair]] for pair in ((0, 1), (2, 3)))
         made.append(sparse.csc_array(sparse.coo_array((own[:, 4], (row, column)), shape=(len(keys), len(keys)))))
     deck = next((p for p in stiffness.parent.glob("*.inp") if stiffness.stem.startswith(p.stem)), None)
-    return ProgramMatrices(stiffness=made[0], mass=made[1], node=keys[:, 0], direction=keys[:, 1],
-                           place=None if deck is None else _deck_nodes(deck))
+    place, said = (None, ()) if deck is None else _deck_nodes(deck)
+    return ProgramMatrices(stiffness=made[0], mass=made[1], node=keys[:, 0], direction=keys[:, 1], place=place,
+                           notes=said)
 
 
 # through packages ----------------------------------------------------------------------------------------------------

@@ -159,7 +159,8 @@ def _stand_upright(given: ProgramMatrices) -> ProgramMatrices:
     """A model whose nodes lie in one plane of x and y and move in it alone, with its y as z: programs draw plane frames
     with y upwards, and z is upwards here."""
     direction, place = given.direction, given.place
-    if direction is None or not place or not set(np.unique(direction).tolist()) <= set(IN_PLANE):
+    moves = set() if direction is None else set(np.unique(direction).tolist())
+    if direction is None or not place or not {1} < moves <= set(IN_PLANE):
         return given
     if np.ptp([at[2] for at in place.values()]):
         return given

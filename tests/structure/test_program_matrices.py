@@ -323,6 +323,17 @@ def test_a_plane_model_of_opensees_stands_upright(tmp_path, ops):
     np.testing.assert_allclose(read[0] * np.sign(read[0][2]), read[1] * np.sign(read[1][2]), rtol=1e-7, atol=1e-9)
 
 
+def test_nodes_of_a_deck_in_cylindrical_coordinates_are_where_they_are(tmp_path):
+    calculix_files(tmp_path, "job", *chain())
+    (tmp_path / "job.inp").write_text("*NODE, SYSTEM=C\n" + "".join(
+        f"{n}, 2., {15.0 * n}, {3.0 * n}\n" for n in range(1, N + 2)) + "*Transform, nset=a\n1.,0.,0.,0.,1.,0.\n")
+    result = probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz")
+    place = np.load(tmp_path / "model.npz")["node_position_m"]
+    np.testing.assert_allclose(place, [(2 * np.cos(np.radians(15 * n)), 2 * np.sin(np.radians(15 * n)), 3 * n)
+                                       for n in range(2, N + 2)], atol=1e-12)
+    assert any("job.inp, line 11: *TRANSFORM is not read" in note for note in result.notes)
+
+
 def storeys_of_opensees(ops):
     """Three storeys whose floors are rigid diaphragms about nodes 101 to 103, all mass there."""
     ops.wipe()
