@@ -95,11 +95,20 @@ class ModalPredictor:
     def through_sensors(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
         """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
-        searched = *self._search_modes(local, local.at_rest), local.has_tuned
-        if self._pairs(*searched, effects) == self._pairs(*searched, self.seen):
-            return self
         marks = "|".join(f"{e.key} {size!r}" for e, size in effects)
+        if self._pairs_at_rest(local, marks, effects) == self._pairs_at_rest(local, "", self.seen):
+            return self
         return replace(self, seen=tuple(effects), state=self.state + marks.encode())
+
+    def _pairs_at_rest(
+        self, local: LocalModel, marks: str, seen: Sequence[tuple[Effect, float]]
+    ) -> list[tuple[int, ...]]:
+        """`_pairs` with the nacelle as in the model, kept: a step of a fit asks again what its trial asked."""
+        planes, pairs = local.paired.get((self.state, marks), (None, []))
+        if planes is not self.planes:
+            pairs = self._pairs(*self._search_modes(local, local.at_rest), local.has_tuned, seen)
+            local.paired[self.state, marks] = self.planes, pairs
+        return pairs
 
     def group_members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with

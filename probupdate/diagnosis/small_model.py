@@ -333,6 +333,12 @@ class LocalModel:
         return bare.evaluate(self.theta[: len(bare.parameters)])
 
     @cached_property
+    def paired(self) -> dict[tuple[bytes, str], tuple[tuple[np.ndarray, ...], list[tuple[int, ...]]]]:
+        """Which of the modes at rest are measured ones: by a predictor's state and what its sensors do, the planes that
+        were measured and the modes of each group."""
+        return {}
+
+    @cached_property
     def at_rest(self) -> SmallModes:
         """The modes looked through, with the nacelle as in the model."""
         return self.solve(0.0, self.n_search)
