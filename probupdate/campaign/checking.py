@@ -32,7 +32,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import name_levels
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import StateRule, block_conditions, renaming, turning_range, with_rated_power
+from probupdate.campaign.scada import ROW_MINUTES, StateRule, block_conditions, renaming, turning_range, with_rated_power
 from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import CrossSpectra, comparable_channels, convert_to_acceleration, cross_spectra
@@ -47,9 +47,9 @@ from probupdate.runtime.progress import Progress, silent
 # what a column of SCADA is needed for
 USES = {
     "power_kw": "turbine states (idling, below rated, rated)",
-    "rotor_speed_rpm": "harmonics distinguished from modes; idling confirmed",
+    "rotor_speed_rpm": "harmonics distinguished from modes, idling confirmed",
     "pitch_deg": "criterion 'no pitching'",
-    "nacelle_heading_deg": "fore-aft and side-side as the nacelle turns; how far it turned within a block",
+    "nacelle_heading_deg": "fore-aft and side-side as the nacelle turns, how far it turned within a block",
     "yaw_rate_degps": "criterion 'no yawing'",
     "wind_speed_mps": "wind over time",
     "water_level_m": "frequency against water level",
@@ -340,18 +340,29 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     missing = [c for c in COLUMNS if c not in campaign.scada and (turbine or c not in OF_TURBINES)]
     similar = find_misnamed(campaign.scada.columns, SIMILAR)
     found = [*campaign.scada.attrs.get("notes", ())]
-    found += [f"SCADA has no {c}{renaming(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
+    found += [f"SCADA has no {c}{renaming(similar.get(c))}; it is needed for: {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index
-    span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
+    span = round((index[-1] - index[0]) / pd.Timedelta(minutes=ROW_MINUTES)) + 1 if len(index) else 0
     if len(index) < span:
         found.append(f"{span - len(index)} of {span} SCADA rows are missing")
     if not len(index):
         found.append("SCADA has a header and no rows")
+    elif not _scada_overlaps(campaign):
+        rows, block = (f"{time:%Y-%m-%dT%H:%MZ}" for time in (index[0], block_starts(campaign)[0]))
+        found.append(f"no SCADA row lies within the records: the first row is of {rows}, the first block of {block}; "
+                     "check year and time zone of both")
     doubled = campaign.scada.attrs.get("contradicted", 0)
     if doubled:
         found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a "
                      "clock set back, or local time?")
     return found
+
+
+def _scada_overlaps(campaign: Campaign) -> bool:
+    """Whether any row lies between the first block's start and the last one's end."""
+    starts, index = block_starts(campaign), campaign.scada.index
+    end = starts[-1] + pd.Timedelta(minutes=campaign.block_minutes)
+    return bool(((index > starts[0] - pd.Timedelta(minutes=ROW_MINUTES)) & (index < end)).any())
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:
@@ -368,6 +379,7 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
     states = Counter(head["state"][good])
     if set(states) - {"unknown"}:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
-    if campaign.scada is not None:
-        uses += dict.fromkeys(text for column, text in USES.items() if column in campaign.scada)
+    if campaign.scada is not None and _scada_overlaps(campaign):
+        allowed = [text for column, text in USES.items() if column in campaign.scada]
+        uses += [f"SCADA serves for: {'; '.join(allowed)}"] if allowed else []
     return tuple(uses)

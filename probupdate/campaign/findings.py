@@ -354,7 +354,7 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
     named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a phase of its own)"
              if 2 * len(apart) < len(channels) and apart else "")
     return found, (f"clocks of {len(channels) - len(apart)} of {len(channels)} channels compared{named}; differences "
-                   f"from {resolved:.1f} ms show")
+                   f"of {resolved:.1f} ms or more would show")
 
 
 def phase_findings(

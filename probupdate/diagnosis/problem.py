@@ -262,8 +262,8 @@ def diagnosis_problem(
     unrecorded = _unrecorded_effects(with_columns, effects)
     notes = [*joined_modes, *blocks.notes, *blocks.rarely_whole(), *with_columns.little_known(columns)]
     if unrecorded:
-        notes.append(f"too few sets state {TEMPERATURE}: what {DAY_STD:g} degC (standard deviation) over a day and "
-                     "from day to day do to the stiffness is normal, whatever they were; with that column it is tested")
+        notes.append(f"too few sets state {TEMPERATURE}: changes of stiffness that {DAY_STD:g} degC (standard deviation, "
+                     "within a day and between days) would cause count as normal; with that column they are tested")
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set states the nacelle's heading (nacelle_angle_deg): taken as in the model; where it "
                      "differed, its effect on the modes is put down to other causes")

@@ -320,9 +320,8 @@ def physical_modes(
     angle = np.array(angle_deg, float) if angle_deg is not None else None
     groups, doubles = _group_clusters(candidates, found, block_seconds,
                                       turns=angle is not None and bool(np.isfinite(angle).any()))
-    notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
-              "few of its blocks and orders or here and there beside it: no mode of its own, but its double, or that "
-              "mode after a change"
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz has the shape of {np.exp(twin.ln_frequency):.3f} Hz and appears in few "
+              "of its blocks or model orders: a duplicate of that mode, or that mode after a change; left out"
               for one, twin in doubles]
     if not groups:
         raise _no_modes_error(where, n_block)
@@ -381,8 +380,8 @@ def _structural_clusters(
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
               f"{100 * one.damping:.1f} %: taken for waves, left out" for one in waves]
     above = [one for one in clusters if np.exp(one.ln_frequency) > highest_hz]
-    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate allows: left out; "
-              "use a higher rate" for one in above]
+    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the analysis rate resolves: "
+              "left out; use a higher --rate" for one in above]
     return [one for one in clusters if all(one is not x for x in (*waves, *above))]
 
 

@@ -138,9 +138,8 @@ def regress(
 
 def _refuse_few(response: str, value: np.ndarray, names: Sequence[str]) -> None:
     if len(value) < 1 + len(names) + SPARE_ROWS:
-        raise InputError(f"regression of {response}", f"{len(value)} blocks with the mode and all of "
-                         f"{', '.join(names) or 'nothing'} for {1 + len(names)} coefficients, which need "
-                         f"{1 + len(names) + SPARE_ROWS}",
+        raise InputError(f"regression of {response}", f"{len(value)} blocks have the mode and {', '.join(names) or 'no covariate'}; "
+                         f"{1 + len(names)} coefficients need {1 + len(names) + SPARE_ROWS}",
                          "use fewer covariates or a longer campaign")
     if np.ptp(value) <= 1e-12 * np.max(np.abs(value)):
         raise InputError(f"regression of {response}", f"it is {value[0]:.4g} in all {len(value)} blocks",
@@ -408,7 +407,7 @@ def regress_modes(
         if made:
             fits[label] = made
     if not fits:
-        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "use a longer campaign")
+        raise InputError("regression", "no mode can be fitted", f"the first: {notes[0]}")
     rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
     return ModalRegression(fits=fits, table=pd.DataFrame(rows), hours=frozen_array(hours),
                            columns={name: frozen_array(x) for name, x in columns.items()},

@@ -234,7 +234,7 @@ def read_conditions(path: str | Path) -> Conditions:
         # a key that is misspelt is missing too
         first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
-        problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must')}"
+        problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must').replace('a valid boolean', 'true or false')}"
         problem, remedy = {
             "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
@@ -269,7 +269,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
     for key, items in (("direction", c.direction), ("state", c.state)):
         total = sum(item.share for item in items)
         if abs(total - 1) > 1e-6:
-            yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
+            yield f"{key}.share", f"they add up to {total:g}, not 1", f"give every {key} its share of a year"
     yield from _check_life_and_states(c)
     if not c.joint and not c.member_end and not c.girth:
         yield (

@@ -170,9 +170,9 @@ class RunResults:
         if self.problem is None:
             left_out.append("tolerances in models: they are as stated; no modes lie in the run")
         elif self.problem.fingerprint() != self.posterior.fingerprint:
-            left_out.append("tolerances in models: as stated; posterior.nc was sampled of other modes, or with "
-                            "other settings than `sample` has by default; parts of model factors are of that "
-                            "other problem")
+            left_out.append("tolerances in models: as stated, because posterior.nc was sampled of other modes "
+                            "than nine.json (or modes.json) here, or with other settings than the defaults of "
+                            "`sample`; parts of model factors are of that other problem")
         else:
             return self.problem
         return None

@@ -113,8 +113,8 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
     known = temperature[np.isfinite(temperature)]
     middle = float(np.median(known)) if len(known) else 0.0
     if abs(middle) > WARMEST_C:
-        raise InputError(f"{where}, {AIR}", f"{middle:.4g} in the middle is not a temperature of the air: are these "
-                         "kelvin, or degrees Fahrenheit?", "give degrees Celsius, null where not measured")
+        raise InputError(f"{where}, {AIR}", f"a median of {middle:.4g} is no air temperature in degrees Celsius: these may "
+                         "be kelvin or degrees Fahrenheit", "convert the column to degrees Celsius")
 
 
 # what is counted or computed with, where it is stated

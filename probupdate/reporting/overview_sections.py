@@ -175,7 +175,7 @@ def _parameters_to_use(run: Run, found: tuple[Finding, ...]) -> list[Element]:
     left = [p.name for p in update.parameters if p.name not in used]
     note = (f"Not to be read as measured: {', '.join(left)} (the data say little of them, or a bound "
             "holds).") if left else ""
-    alone = f"these numbers are of {set_words(update.set_id)}"
+    alone = f"results of {set_words(update.set_id)}"
     of_sets = update.settings.get(SETS, "").split(";")[0] or alone
     note = " ".join(filter(None, [full_sentence(of_sets), note, USE_THIS]))
     caption = "Parameters to use, with their intervals"

@@ -109,9 +109,9 @@ def lacking_words(
     length = tilt_length_m(lowest_hz)
     share = "" if not height_m else (f", {100 * length / height_m:.2g} % of it for a slope of one over the height of "
                                      f"{height_m:.3g} m")
-    return [f"not in what the model says of {len(lacking)} of {len(channels)} channels, as it has no rotation of their "
-            f"places: horizontal accelerometers read g/w^2 = {length:.2g} m times the slope of the shape beside the "
-            f"motion at {lowest_hz:.3g} Hz{share}"]
+    return [f"the model leaves it out at {len(lacking)} of {len(channels)} channels, where it has no rotations: a "
+            f"horizontal accelerometer also reads g/w^2 = {length:.2g} m times the slope of the shape at "
+            f"{lowest_hz:.3g} Hz{share}"]
 
 
 def tilt_length_m(frequency_hz: float) -> float:

@@ -284,7 +284,7 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
         f"Eq. 7 as printed {ended}passes closest to the MAP at iteration {printed.closest_iteration} "
         f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior standard deviations a parameter) "
         f"and ends {printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
-        f"{abs(worst.step - worst.map) / worst.std:.1f}"
+        f"{abs(worst.step - worst.map) / worst.std:.2f}"
     )
     anchored = update.scheme("prior")
     notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior standard deviations from the "

@@ -42,7 +42,7 @@ def single_set(data: ModalData, set_id: str) -> JointSet:
     """One set alone."""
     alone = replace(data, sets=(data.set(set_id),), reference_set=None)
     n_set = len(data.sets)
-    said = (f"these numbers are of set {set_id} alone, one of {n_set}: without --set they are of all comparable sets",)
+    said = (f"results of set {set_id} alone, one of {n_set}; without --set: of all comparable sets",)
     return JointSet(data=alone, ids=(set_id,), notes=said if n_set > 1 else ())
 
 
@@ -59,8 +59,8 @@ def joint_set(data: ModalData, *, covariance: bool = False) -> JointSet:
         only = single_set(data, ids[0])
         return replace(only, notes=(f"no other set is comparable with set {ids[0]}", *others, *outliers))
     together, scatter = _mean_set(kept, f"{len(ids)} of {len(data.sets)} sets", covariance)
-    first = (f"these numbers are of {len(ids)} of {len(data.sets)} sets together, their mean with its scatter; "
-             "--set takes one alone")
+    first = (f"results of {len(ids)} of {len(data.sets)} sets together (means with their scatter); --set takes one "
+             "alone")
     joint = replace(kept, sets=(together,), reference_set=None)
     return JointSet(data=joint, ids=ids, notes=(first, *others, *outliers, *scatter))
 

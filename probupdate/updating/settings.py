@@ -42,7 +42,7 @@ class SamplerSettings:
 
     def __post_init__(self):
         refuse_other_types(self)
-        for name, least in (("seed", 0), ("walkers_per_parameter", 1), ("target_ess", 1), ("max_steps", 1),
+        for name, least in (("seed", 0), ("walkers_per_parameter", 1), ("target_ess", 1), ("max_steps", 5),
                             ("ensembles", 1)):
             if getattr(self, name) < least:
                 raise InputError(name, f"{getattr(self, name)} is below {least}", f"give {least} or more")

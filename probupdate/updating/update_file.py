@@ -272,7 +272,7 @@ def _alphas(record: UpdateRecord) -> list[str]:
     if path is None:
         return []
     found = [f"{rule} {value:.2g}" for rule, value in path.chosen.items() if np.isfinite(value)]
-    lines = [f"alpha would be, by {', '.join(found)}"] if found else []
+    lines = [f"alpha by rule: {', '.join(found)}"] if found else []
     return lines + [f"no alpha by {rule}: {remark}" for rule, remark in path.remarks.items()]
 
 
@@ -357,7 +357,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
     text = (f"{text}: the model fits the data within the stated standard deviations, {100 * cov:.2g} % of the "
             "frequencies (median)")
     if stated:
-        return f"{text}; posterior widths hold the stated error of the model ({stated})"
+        return f"{text}; posterior widths include the stated error of the model ({stated})"
     if cov >= SHARP:
         return text
     return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior "

@@ -170,8 +170,7 @@ def _sampled_problem(
     likelihood = LikelihoodSettings()
     mean = (((diagnosis or {}).get("extension") or {}).get("files") or {}).get("mean")
     given = [folder / mean] if mean and (folder / mean).is_file() else []
-    given += [places[name] for name in ("nine.json", "modes.json") if name in places]
-
+    own = [places[name] for name in ("nine.json", "modes.json") if name in places]
     covariance, stated = likelihood.joint_covariance, posterior.record.get("likelihood")
     weights = Weights.from_table(stated) if stated else None
     if weights is not None:
@@ -181,16 +180,20 @@ def _sampled_problem(
         one = joint_set(compared_modes(path, None, False, likelihood.modes), covariance=covariance)
         return one.data.set().id == posterior.record.get("set_id")
 
-    modes = next((path for path in given if is_sampled(path)), places.get("nine.json", places.get("modes.json")))
-    if modes is None:
-        return None
-    if weights is None:
-        case = Case.prepare(places["model"], modes, likelihood, parameters=places.get("parameters"), progress=progress)
-    else:
-        data = compared_modes(modes, None, False, likelihood.modes)
-        case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,
-                    model_at=ModelAt(places["model"], places.get("parameters"), str(modes), data.felt))
-    return build_problem(case.model, case.joint.data, weights=case.weights)
+    problem = None
+    # the selected sets and all sets may have one id
+    for modes in [path for path in (*given, *own) if is_sampled(path)] or own[:1]:
+        if weights is None:
+            case = Case.prepare(places["model"], modes, likelihood, parameters=places.get("parameters"),
+                                progress=progress)
+        else:
+            data = compared_modes(modes, None, False, likelihood.modes)
+            case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,
+                        model_at=ModelAt(places["model"], places.get("parameters"), str(modes), data.felt))
+        problem = build_problem(case.model, case.joint.data, weights=case.weights)
+        if problem.fingerprint() == posterior.fingerprint:
+            break
+    return problem
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, problem: Problem | None, posterior: Posterior):

@@ -252,7 +252,7 @@ def reference_at(
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
         raise InputError(
-            f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
+            f"{where}: channel {missing[0]}", f"is not a channel of the model '{turbine.name}'",
             "name the model's channels as the campaign's",
         )
     far = implausible_places(sensors)

@@ -37,7 +37,7 @@ class Template:
     @property
     def summary(self) -> str:
         model = self.files[0]
-        lines = [f"a {self.kind} model that runs as it is: 'probupdate modes {model}'; fill in your own numbers"]
+        lines = [f"{self.kind}: a model that runs as it is: 'probupdate modes {model}'; fill in your own numbers"]
         if self.files[-1].name == "campaign.toml":
             folder = self.files[-1].parent
             lines.append(f"with records in {folder}: 'probupdate identify {folder} --model {model} --out "
@@ -60,7 +60,7 @@ def template(kind: str, out: str | Path) -> Template:
     name = "model.npz" if kind == "matrices" else "model.toml"
     alone = out.suffix.lower() in (".toml", ".npz")
     if alone and out.suffix.lower() != Path(name).suffix:
-        raise InputError(str(out), f"a {kind} model is not written as {out.suffix}",
+        raise InputError(str(out), f"a model of kind {kind} is not written as {out.suffix}",
                          f"name a folder, or a file that ends in {Path(name).suffix}")
     model = out if alone else out / name
     table = [model.with_name("parameters.toml")] if kind == "matrices" else []

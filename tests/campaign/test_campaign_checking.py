@@ -135,8 +135,8 @@ def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):
     table.loc[1, "time"] = "2019-06-03T10:20:00Z"
     result = check(read_campaign(campaign_folder([(0, noise())], head=four_channels(head), scada=table)))
     text = "\n".join(result.findings)
-    assert "SCADA has no pitch_deg: no criterion 'no pitching'" in text
-    assert "SCADA has no rotor_speed_rpm: no harmonics distinguished from modes" in text
+    assert "SCADA has no pitch_deg; it is needed for: criterion 'no pitching'" in text
+    assert "SCADA has no rotor_speed_rpm; it is needed for: harmonics distinguished from modes" in text
     assert "1 of 3 SCADA rows are missing" in text
 
 

@@ -140,7 +140,7 @@ def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_
     (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n"
                                         "2019-06-03T10:00Z,1,1,1,1\n")
     found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
-    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it): no turbine states") for f in found)
+    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it); it is needed for: turbine states") for f in found)
 
 
 SPOILT = {

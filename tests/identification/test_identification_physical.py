@@ -163,7 +163,7 @@ def test_what_has_a_strong_mode_s_shape_beside_it_is_its_double_and_said():
     stacks = [plain(rng, [(1.1, 0.02, np.eye(12)[1], (14, 16, 18))] if k % 3 == 0 else []) for k in range(N_BLOCK)]
     found = found_in(stacks)
     assert len(found.modes.labels) == 3
-    assert any(text.startswith("1.100 Hz comes back with the shape of 1.2") for text in found.notes)
+    assert any(text.startswith("1.100 Hz has the shape of 1.2") for text in found.notes)
 
 
 def test_a_mode_that_moves_by_a_tenth_near_the_end_is_no_double():

@@ -170,7 +170,7 @@ def test_advice_does_not_ask_for_what_is_stated(update):
         std=np.outer([0.1, 0.0, 0.2, 0.1], np.ones(n)), source_names=(), source_std=np.zeros((0, n)), measures=(),
         gain=np.zeros((0, n)), responses=(), chi_square=np.zeros(0), expected=np.zeros(0))
     stated = replace(fine, components=parts)
-    assert fit_sentence(stated).endswith("posterior widths hold the stated error of the model (sensors)")
+    assert fit_sentence(stated).endswith("posterior widths include the stated error of the model (sensors)")
     far = fit_sentence(replace(stated, map_misfit=400.0))
     assert "the stated error (sensors) does not explain it" in far and "auto" not in far
     assert "--discrepancy auto" in fit_sentence(replace(fine, map_misfit=400.0))

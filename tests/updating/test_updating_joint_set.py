@@ -144,11 +144,11 @@ def test_update_says_of_how_many_sets_it_is_and_one_is_a_choice():
     data = ModalData(channels=CHANNELS, sets=sets)
     record = update(chain_model(), data)
     assert record.set_id == "4 of 4 sets"
-    assert record.summary.splitlines()[0].startswith("these numbers are of 4 of 4 sets together")
+    assert record.summary.splitlines()[0].startswith("results of 4 of 4 sets together")
     off = np.abs(record.map_theta - CHAIN_TRUTH) / np.sqrt(np.diag(record.map_covariance))
     assert off.max() < 3.5
     alone = update(chain_model(), data, set_id="b2")
-    assert alone.set_id == "b2" and alone.summary.startswith("these numbers are of set b2 alone, one of 4")
+    assert alone.set_id == "b2" and alone.summary.startswith("results of set b2 alone, one of 4")
     with pytest.raises(InputError, match="there is none of that id"):
         update(chain_model(), data, set_id="b9")
 
