@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 from probupdate import __version__, verbs
 from probupdate.diagnosis.wording import words_of_findings
 from probupdate.errors import InputError
-from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
+from probupdate.io.files import is_empty_folder, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.io.result_table import table_of
 from probupdate.modal.modes import read_modes
 from probupdate.reporting import report_with_conclusion
-from probupdate.runtime.executors import Executor, executor, processes_beside
+from probupdate.runtime.executors import Executor, background_process, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
 from probupdate.updating.discrepancy import LikelihoodSettings
@@ -284,7 +284,7 @@ class _Steps:
             ended[step] = result
             self._state.finish(step)
 
-        with processes_beside(*((_timed_step, *work[step]) for step in others)) as waiting:
+        with background_process(*((_timed_step, *work[step]) for step in others)) as waiting:
 
             def watching(what: str, done: int, total: int) -> None:
                 for step, future in zip(others, waiting, strict=True):
@@ -332,7 +332,7 @@ class RunState:
                 raise InputError(str(out), f"holds a demonstration {what}",
                                  "give an empty directory, or delete this one")
             self._content |= {key: found[key] for key in ("finished", "model") if key in found}
-        elif not holds_nothing(out):
+        elif not is_empty_folder(out):
             raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")
         else:
             self._write()

@@ -15,7 +15,7 @@ import numpy as np
 from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import suggest
-from probupdate.campaign.stated import UNIT_KEYS, ChannelStatement, OwnWords, keyed_rate, texts_of, unit_in
+from probupdate.campaign.stated import UNIT_KEYS, ChannelStatement, FileStatements, keyed_rate, texts_of, unit_in
 from probupdate.campaign.table_sources import COLUMNS, FEWEST, PIECE, ROWS
 from probupdate.errors import InputError, parsing
 from probupdate.io.hdf5_file import open_hdf5
@@ -96,7 +96,7 @@ def _table_parts(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tupl
     return [(name, numbers)], n_row
 
 
-def _file_statements(arrays: Arrays, d: Description, take, single: Mapping[str, float]) -> OwnWords:
+def _file_statements(arrays: Arrays, d: Description, take, single: Mapping[str, float]) -> FileStatements:
     """A rate among the single numbers; units from a text (or one a column) of that name, or in a variable's name."""
     units = next((list(t) for name, t in arrays.texts.items() if re.split(r"[./]", name)[-1].lower() in UNIT_KEYS), [])
     found = {}
@@ -109,7 +109,7 @@ def _file_statements(arrays: Arrays, d: Description, take, single: Mapping[str, 
     left = [(n, k) for n in arrays.names if n not in single and n != str(d.time) for k in range(arrays.shape(n)[1])
             if (n, k) not in taken]
     unused = tuple(n if arrays.shape(n)[1] == 1 else f"{n} {k + 1}" for n, k in left)
-    return OwnWords(channels=found, rate_hz=keyed_rate(single), unused=unused)
+    return FileStatements(channels=found, rate_hz=keyed_rate(single), unused=unused)
 
 
 def _variable(arrays: Arrays, d: Description, wanted: str | int, what: str) -> str:

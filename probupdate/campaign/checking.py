@@ -24,7 +24,7 @@ from probupdate.campaign.findings import (
     scale_findings,
     sensor_findings,
 )
-from probupdate.campaign.gain_steps import FEWEST_PIECES, lines_kept, parts_of_block, whole_piece
+from probupdate.campaign.gain_steps import FEWEST_PIECES, number_of_lines, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
 from probupdate.campaign.mounting import is_upright, lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
@@ -32,7 +32,14 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import name_levels
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import ROW_MINUTES, StateRule, block_conditions, renaming, turning_range, with_rated_power
+from probupdate.campaign.scada import (
+    ROW_MINUTES,
+    StateRule,
+    block_conditions,
+    renaming,
+    turning_range,
+    with_rated_power,
+)
 from probupdate.campaign.scada_time import RecordRow, record_rows, time_findings
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import CrossSpectra, comparable_channels, convert_to_acceleration, cross_spectra
@@ -79,7 +86,7 @@ class CampaignCheck:
     measured: tuple[SensorFinding, ...] = ()
     sha256: str = ""
 
-    def with_more(self, finding: str, use: str = "") -> CampaignCheck:
+    def with_finding(self, finding: str, use: str = "") -> CampaignCheck:
         """With a finding before the others and something that can be done, '' for none of either."""
         found, uses = (*filter(None, [finding]), *self.findings), (*self.uses, *filter(None, [use]))
         return replace(self, findings=found, uses=uses, summary=_summary(self.summary.splitlines()[0], found, uses))
@@ -184,10 +191,10 @@ def compare_block(
     lowest = lowest_motion_hz(spectra, sensors, [int(k) for k in moves])
     kept = ()
     if pieces == 1:
-        kept = (whole_piece(block.id, spectra, usable, lines_kept(n, n_compared)),)
+        kept = (whole_piece(block.id, spectra, usable, number_of_lines(n, n_compared)),)
     elif pieces:
         kept = tuple(parts_of_block(block.id, data, rate, campaign.sensors, usable, pieces,
-                                    lines_kept(n, n_compared * pieces)))
+                                    number_of_lines(n, n_compared * pieces)))
     return ComparedBlock(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
                          delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], pieces=kept,
                          lowest_hz=np.nan if lowest is None else lowest)

@@ -19,7 +19,7 @@ from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import WAIT, CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import open_source
-from probupdate.campaign.stated import ChannelStatement, OwnWords, channel_factor, refuse_other_rate
+from probupdate.campaign.stated import ChannelStatement, FileStatements, channel_factor, refuse_other_rate
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
@@ -93,7 +93,7 @@ def convert(
         key = _key(paths, words)
         entry, removed = record.get(name), []
         if entry is not None and entry.get(UNFINISHED):
-            removed = _without_remains(folder, name, entry["key"], key)
+            removed = _remove_leftover_files(folder, name, entry["key"], key)
             entry = None
         if entry is not None:
             if entry["key"] != key:
@@ -187,7 +187,7 @@ def _refuse_changed(paths: Sequence[Path], before: list[tuple[int, ...]], output
             raise InputError(str(path), "changed while it was converted", WAIT)
 
 
-def _without_remains(folder: Path, name: str, former: str, key: str) -> list[str]:
+def _remove_leftover_files(folder: Path, name: str, former: str, key: str) -> list[str]:
     """A sentence where files are removed that a conversion which did not end made of other content or words."""
     remains = [path for path in folder.glob(f"*Z-{former[:6]}.h5")] if former != key else []
     for path in remains:
@@ -311,7 +311,9 @@ def _read_source(paths: Sequence[Path], name: str, described: Description, head:
     return outputs, count, notes, spans, own.unused
 
 
-def _factors(path: Path, own: OwnWords, head: CampaignHead, described: Description) -> tuple[np.ndarray, list[str]]:
+def _factors(
+    path: Path, own: FileStatements, head: CampaignHead, described: Description
+) -> tuple[np.ndarray, list[str]]:
     """(n_channel,) what the samples are multiplied with, and what the file's own words changed."""
     found = [channel_factor(str(path), s, own.channels.get(s.channel, ChannelStatement()),
                             described.factor.get(s.channel),

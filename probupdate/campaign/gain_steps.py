@@ -87,7 +87,7 @@ def parts_of_block(
     return found
 
 
-def lines_kept(n_channel: int, n_piece: int) -> int:
+def number_of_lines(n_channel: int, n_piece: int) -> int:
     return int(np.clip(MOST_BYTES / (8 * max(n_piece, 1) * n_channel**2), 8, MOST_LINES))
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from probupdate.campaign.description import Description
 from probupdate.campaign.reading import suggest
-from probupdate.campaign.stated import SAME_RATE, ChannelStatement, OwnWords
+from probupdate.campaign.stated import SAME_RATE, ChannelStatement, FileStatements
 from probupdate.campaign.table_sources import PIECE
 from probupdate.errors import InputError
 from probupdate.io.result_table import plural
@@ -88,7 +88,7 @@ class _Run:
 def join_on_one_clock(
     found: Sequence[LoggerChannel], d: Description, rate_hz: float, where: str, *, utc: bool = True
 ) -> Iterator:
-    """OwnWords, then pieces of (times or None, data (n, n_channel)) of the channels that convert.toml names.
+    """FileStatements, then pieces of (times or None, data (n, n_channel)) of the channels that convert.toml names.
 
     utc: False where the file states local times without their zone. Raises InputError for unequal rates (but for
     `decimate`), channels whose samples lie between each other's, and overlaps that differ."""
@@ -128,8 +128,8 @@ def join_on_one_clock(
 
 def _channel_statements(
     found: Sequence[LoggerChannel], chosen: Mapping[str, LoggerChannel], clock: LoggerChannel | None
-) -> OwnWords:
-    return OwnWords(channels={channel: c.stated for channel, c in chosen.items()},
+) -> FileStatements:
+    return FileStatements(channels={channel: c.stated for channel, c in chosen.items()},
                     unused=tuple(c.name for c in found if c not in (clock, *chosen.values())))
 
 

@@ -79,8 +79,8 @@ def read_scada(
             raise InputError(str(path), f"has one column, '{table.columns[0]:.60}'",
                              "separate columns by commas, and write decimals with a point")
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
-        raise InputError(str(path), "has no column 'time'", f"rename '{close[0]}' to 'time', if it is the start of "
-                         "each interval in UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
+        raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601"
+                         + (f", or rename '{close[0]}' to it" if close else ""))
     for known, given in misspelt(table.columns).items():
         raise InputError(str(path), f"unknown column '{given}'", f"did you mean '{known}'? Rename it, or give it a "
                          "name that is not so near")

@@ -26,7 +26,7 @@ from probupdate.campaign.logger_files import (
     tdms_channels,
     wav_channels,
 )
-from probupdate.campaign.stated import OwnWords
+from probupdate.campaign.stated import FileStatements
 from probupdate.campaign.table_sources import PIECE, read_csv, read_parquet
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file
@@ -58,7 +58,7 @@ def kind_of(path: Path) -> str:
 
 def open_source(
     path: Path, description: Description, *, rate_hz: float = np.nan, joined: Sequence[Path] = ()
-) -> tuple[OwnWords, Pieces]:
+) -> tuple[FileStatements, Pieces]:
     """What one source says of itself, and its pieces in order; data in float64, factors not applied. rate_hz: the
     campaign's, to which channels of loggers are brought; joined: other files that are read together with the first.
     Raises InputError naming the file."""
@@ -74,7 +74,7 @@ def open_source(
     read = (readers[kind](paths[0], description) if kind in readers else
             _logger(kind, paths, description, rate_hz))
     # each begins with its own words
-    return cast(OwnWords, next(read)), read
+    return cast(FileStatements, next(read)), read
 
 
 def _logger(kind: str, paths: Sequence[Path], d: Description, rate_hz: float) -> Iterator:
@@ -108,7 +108,7 @@ def read_uff(path: Path, d: Description) -> Iterator:
                              "or its number")
         columns.append(same[0])
     left = tuple(n or p for k, (n, p) in enumerate(zip(found.names, found.places, strict=True)) if k not in columns)
-    yield OwnWords(channels={c: found.stated[k] for c, k in zip(d.columns, columns, strict=True)}, unused=left)
+    yield FileStatements(channels={c: found.stated[k] for c, k in zip(d.columns, columns, strict=True)}, unused=left)
     time = found.first_s + np.arange(len(found.data)) / found.rate_hz
     for first in range(0, len(time), PIECE):
         rows = slice(first, first + PIECE)

@@ -62,7 +62,7 @@ class ChannelStatement:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OwnWords:
+class FileStatements:
     """What a file says of itself: of each channel, and its sampling rate. notes: what was done to its samples; unused:
     its columns that are no channel's and not time's."""
 
@@ -123,7 +123,7 @@ def heading_rate(lines: Sequence[str]) -> float | None:
     return keyed_rate({re.sub(r"\W+", "_", one[1].strip()): float(one[2].replace(",", ".")) for one in found if one})
 
 
-def refuse_other_rate(where: str, own: OwnWords, rate_hz: float, overruled: Sequence[str]) -> None:
+def refuse_other_rate(where: str, own: FileStatements, rate_hz: float, overruled: Sequence[str]) -> None:
     """Raises InputError where a file states another rate than campaign.toml."""
     if own.rate_hz is None or "rate" in overruled or abs(own.rate_hz / rate_hz - 1) <= SAME_RATE:
         return

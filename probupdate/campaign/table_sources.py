@@ -19,7 +19,7 @@ from probupdate.campaign.stated import (
     NOT_A_NUMBER,
     UNIT_KEYS,
     ChannelStatement,
-    OwnWords,
+    FileStatements,
     keyed_rate,
     parse_unit,
     unit_in,
@@ -57,7 +57,7 @@ def iterate_with_errors(items: Iterable, *said: str) -> Iterator:
 
 
 def read_csv(path: Path, d: Description) -> Iterator:
-    """OwnWords, then pieces of a table as text."""
+    """FileStatements, then pieces of a table as text."""
     said = str(path), "is not a table", "check separator, header, skip_rows and encoding in convert.toml"
     head = _head_lines(path, d)
     with parsing(*said):
@@ -88,7 +88,7 @@ def read_csv(path: Path, d: Description) -> Iterator:
                     whole = True
                 yield _from_frame(path, d, frame)
     if not first:
-        yield OwnWords()
+        yield FileStatements()
 
 
 def _refuse_channels_in_rows(path: Path, d: Description, frame: pd.DataFrame) -> None:
@@ -162,7 +162,9 @@ def _rate_of(lines: Sequence[str]) -> float | None:
     return None
 
 
-def _table_words(path: Path, d: Description, names: list, units: Sequence[str] | None, rate: float | None) -> OwnWords:
+def _table_words(
+    path: Path, d: Description, names: list, units: Sequence[str] | None, rate: float | None
+) -> FileStatements:
     """Units by their row, else in brackets behind a column's name."""
     found = {}
     left = dict(enumerate(str(n + 1 if isinstance(n, int) else n) for n in names))
@@ -173,7 +175,7 @@ def _table_words(path: Path, d: Description, names: list, units: Sequence[str] |
         left.pop(k, None)
         text = units[k] if units is not None and k < len(units) else unit_in(str(names[k]))
         found[channel] = ChannelStatement(unit=text or None)
-    return OwnWords(channels=found, rate_hz=rate, unused=tuple(left.values()))
+    return FileStatements(channels=found, rate_hz=rate, unused=tuple(left.values()))
 
 
 def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[int], size: int) -> None:
@@ -191,7 +193,7 @@ def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[i
 
 
 def read_parquet(path: Path, d: Description) -> Iterator:
-    """OwnWords, then pieces of a Parquet table; the index of a DataFrame is a column like any other."""
+    """FileStatements, then pieces of a Parquet table; the index of a DataFrame is a column like any other."""
     try:
         from pyarrow import parquet
     except ImportError:

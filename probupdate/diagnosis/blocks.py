@@ -109,7 +109,7 @@ class Blocks:
             return None
         return np.where(known, values, np.mean(values[known]))
 
-    def little_known(self, columns: Sequence[str]) -> list[str]:
+    def sparse_column_notes(self, columns: Sequence[str]) -> list[str]:
         """What to say of those that only a part of the blocks shows."""
         shares = {name: np.mean(np.isfinite(self.numbers(name))) for name in columns}
         return [f"{name} is stated in {share:.0%} of the blocks: effects that follow it are not searched"
@@ -185,7 +185,7 @@ def gather(
     sets, few, notes = _usable_sets(data, where)
     sets, hours, more = _order_by_time(sets)
     notes += more
-    frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))
+    frequency, more = _without_stray_frequencies(np.array([s.frequency_hz for s in sets]))
     notes += more
     with np.errstate(invalid="ignore"):
         steps = np.abs(np.diff(np.log(frequency), axis=0))
@@ -315,7 +315,7 @@ def _order_by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray
     return [sets[k] for k in order], hours[order], notes
 
 
-def _without_strays(frequency: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def _without_stray_frequencies(frequency: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Frequencies (n_block, n_mode), NaN where they are far off their mode's, and what to say of it."""
     with np.errstate(invalid="ignore"):
         level = np.column_stack([_level(np.log(f)) for f in frequency.T])

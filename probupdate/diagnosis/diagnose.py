@@ -57,10 +57,10 @@ from probupdate.diagnosis.ranking import Hypothesis, key_of
 from probupdate.diagnosis.results import Alternative, DetectableSize, Diagnosis, Finding
 from probupdate.diagnosis.search import (
     Search,
+    conditional_scores,
     drawn_scores,
     least_by_chance,
     model_error_dispersion,
-    scores_beside,
     search,
 )
 from probupdate.diagnosis.time_profiles import DAY_H, DAY_STD, TIME_OF_DAY
@@ -381,7 +381,7 @@ def _shared_error_share(problem: DiagnosisProblem, best: Hypothesis, number: int
         return 1.0
     rest, _ = refit_without(problem, best.fitted, number)
     z = [value for i, value in enumerate(best.z) if i != number]
-    _, known = scores_beside(problem, rest.design, rest.centred, rest.included, z)
+    _, known = conditional_scores(problem, rest.design, rest.centred, rest.included, z)
     k = best.candidates[number]
     return float(rest.design.information[k] / known[k]) if known[k] > 0 else 1.0
 
@@ -572,7 +572,7 @@ def _most_probable_response(findings: Sequence[Finding], responses: Sequence[Own
 
 def _p_value(problem: DiagnosisProblem, null: Fit, first: Search, seed: int) -> float:
     """Of the model as it is, by its largest score; by what it leaves where scores say nothing."""
-    if first.beyond_sense:
+    if first.scores_impossible:
         return adequacy(problem, null, first, drawn_scores(null.design, seed))[0]
     return first.p_value
 
@@ -584,7 +584,7 @@ def _p_without_findings(first: Search, fits: float, day: Sequence[Finding]) -> f
 
 def _threshold_note(found: Search) -> list[str]:
     """What to say where scores need a threshold beyond sense."""
-    if not found.beyond_sense:
+    if not found.scores_impossible:
         return []
     return [f"the threshold |z| = {found.threshold:.0f} is too high for {len(found.z)} candidates: the uncertainty of "
             "the model moves these modes beyond the linear range, so that the record is "

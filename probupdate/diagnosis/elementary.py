@@ -26,7 +26,7 @@ from probupdate.diagnosis.part_places import (
     Direction,
     PartKey,
     directions,
-    placed_by,
+    place_words,
     words_of,
 )
 from probupdate.diagnosis.prepare import Prepared
@@ -242,7 +242,7 @@ def _channel_parts(small: SmallModel, K: np.ndarray, shape: np.ndarray, tuned_hz
     return result
 
 
-def hung_near(prepared: Prepared, tuned_hz: Sequence[float]) -> list[Part]:
+def tuned_masses_near(prepared: Prepared, tuned_hz: Sequence[float]) -> list[Part]:
     """Masses on springs tuned to these frequencies."""
     return [part for part in parts_of(prepared, heights=COMPETING_HEIGHTS, tuned_hz=tuned_hz)
             if part[0].cause == PART_CAUSES[3]]
@@ -277,7 +277,7 @@ def parts_of(prepared: Prepared, *, heights: int = 0, tuned_hz: Sequence[float] 
         return []
     small = prepared.small
     extent = 0.0 if small.wire is None else extent_of(small.wire)
-    return elementary(small, placed_by(prepared.description, extent), heights=heights, tuned_hz=tuned_hz)
+    return elementary(small, place_words(prepared.description, extent), heights=heights, tuned_hz=tuned_hz)
 
 
 def with_parts(
@@ -400,7 +400,7 @@ def _compare_part(
     profile = best.fitted.included[chief].time_profile
     wider, fitted = with_parts(problem, best.fitted, [part], (profile,))
     _, base = with_parts(problem, rest, [part], (profile,))
-    begun = IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size)
+    begun = IncludedEffect(effect=part[0], time_profile=profile, size=0.0).with_start_size(size)
     try:
         found = fitted_without_candidates(wider, base.theta, (*rest.included, begun), base=base)
     except ConvergenceError:

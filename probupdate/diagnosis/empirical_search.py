@@ -20,7 +20,7 @@ from probupdate.diagnosis.empirical_reference import (
     stated_patterns,
 )
 from probupdate.diagnosis.engine.evidence import ProfileInformation, profile_information, sequential_information
-from probupdate.diagnosis.engine.library import Unknown, WeighedEffects, log_unknown, weigh
+from probupdate.diagnosis.engine.library import EffectGains, Unknown, log_unknown, weigh
 from probupdate.diagnosis.independent_numbers import Directions, independent_directions
 from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.effects.catalogue import Effect
@@ -84,7 +84,7 @@ class ReferencedBlocks:
         """(n_profile,) range of each profile, over which `profile_information` and `weighed` state amounts."""
         return np.array([np.ptp(p.value) for p in self.profiles])
 
-    def weighed(self) -> WeighedEffects:
+    def weighed(self) -> EffectGains:
         """Effects of sensors by what they do to shapes, and to the frequencies in the one direction in which they do
         most: all of these drift together."""
         signature, rows = np.array(self.signature), self.directions.frequency
@@ -119,7 +119,7 @@ class Odds:
     total: float
     unknown: np.ndarray
     of_sensors: np.ndarray
-    weighed: WeighedEffects | None
+    weighed: EffectGains | None
 
 
 def log_prior_of_profiles(profiles: Sequence[TimeProfile]) -> np.ndarray:
@@ -139,7 +139,7 @@ def log_prior_of_effects(effects: Sequence[Effect], name: str) -> np.ndarray:
 def odds_of(followed: ReferencedBlocks, unknown: Unknown) -> Odds:
     """Sensors and the structure are as probable before as each other, and both as nothing."""
     prior = log_prior_of_profiles(followed.profiles)
-    free = unknown.of_any + prior
+    free = unknown.any_unknown + prior
     if not followed.effects:
         return Odds(total=float(logsumexp(free)), unknown=free, of_sensors=np.zeros(0), weighed=None)
     weighed = followed.weighed()

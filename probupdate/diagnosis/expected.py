@@ -142,12 +142,12 @@ def _state(
 ) -> tuple[ModalPredictor, np.ndarray, list[tuple[Effect, float]]]:
     """The predictor and the parameters with the included effects where their time profiles have these values, and what
     the sensors then do."""
-    predictor = problem.predictor_where(included, values)
+    predictor = problem.predictor_at_state(included, values)
     moved = parameters_with(predictor.parameters, theta, included, values)
     seen = [(n.effect, n.size * value) for n, value in zip(included, values, strict=True)
             if n.effect.observe is not None and value]
     moved = np.clip(moved, predictor.parameters.lower, predictor.parameters.upper)
-    return predictor.through_sensors(predictor.small.evaluate(moved), seen) if seen else predictor, moved, seen
+    return predictor.matched_as_measured(predictor.small.evaluate(moved), seen) if seen else predictor, moved, seen
 
 
 def parameters_with(

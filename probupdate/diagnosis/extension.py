@@ -118,7 +118,7 @@ def _write_files(
         except InputError as error:
             # minutes of work are not lost for a file that stands in its own way
             unwritten = str(error)
-    if seen or any(map(of_gravity, included)):
+    if seen or any(map(is_gravity_finding, included)):
         places["modes"] = out.with_name(f"{out.stem}.modes.json")
         mended = correct_sensors(outcome.problem, data, seen)
         write_modes(replace(mended, gravity=gravity_found(prepared, mended.channels, included)), places["modes"])
@@ -140,7 +140,7 @@ class _AddedParameters:
         if prepared.description is not None:
             return cls(effects=tuple(describe_parameter(n.effect.adds, n, std)
                                      for n, std in zip(fitted.included, sizes, strict=True)
-                                     if n.effect.adds is not None and not of_gravity(n)))
+                                     if n.effect.adds is not None and not is_gravity_finding(n)))
         groups, taken = [], list(prepared.prior.names)
         for n, std in zip(fitted.included, sizes, strict=True):
             if n.effect.parts:
@@ -153,7 +153,7 @@ class _AddedParameters:
                 groups.append((n, Group(name=name, parts=dict(e.parts), initial=centre, std=width, lower=e.lower,
                                         upper=e.upper, unit=e.unit, description=words)))
         return cls(groups=tuple(groups), moved=tuple(n for n in fitted.included
-                                                     if n.effect.adds is not None and not of_gravity(n)))
+                                                     if n.effect.adds is not None and not is_gravity_finding(n)))
 
     def __bool__(self) -> bool:
         return bool(self.effects or self.groups or self.moved)
@@ -215,7 +215,7 @@ def _added_table(added: _AddedParameters, included: IncludedEffect) -> dict:
     effect = included.effect
     described_by = {"cause": effect.cause, "location": effect.location, "size": included.size,
                     "unit": effect.unit, "time_profile": included.time_profile.name}
-    if of_gravity(included):
+    if is_gravity_finding(included):
         return described_by | {"as": "what the modal sets state of gravity"}
     if included in added.moved:
         return described_by | {"as": "another place of the sensor in the model"}
@@ -231,7 +231,7 @@ def _added_table(added: _AddedParameters, included: IncludedEffect) -> dict:
 # Gravity in the readings ---------------------------------------------------------------------------------------------
 
 
-def of_gravity(included: IncludedEffect) -> bool:
+def is_gravity_finding(included: IncludedEffect) -> bool:
     """Whether an effect is that what is stated of gravity is wrong."""
     return included.effect.adds is not None and included.effect.adds.kind == "sensor_gravity"
 
@@ -245,7 +245,7 @@ def gravity_found(
         return ()
     held = dict(zip(prepared.small.channels, gravity.share > 0.5, strict=True))
     for n in included:
-        if of_gravity(n) and n.size > 0.5:
+        if is_gravity_finding(n) and n.size > 0.5:
             held |= {c: not held[c] for c in n.effect.adds.settings["channels"] if c in held}
     return tuple(bool(held[c]) for c in channels)
 

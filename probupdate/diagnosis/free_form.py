@@ -76,7 +76,7 @@ def promising_parts(
             c = int(np.argmax(gain[k]))
             if gain[k, c] > 0:
                 begun.append(IncludedEffect(effect=parts[k][0], time_profile=profiles[c], size=0.0)
-                             .begun_at(size[k, c]))
+                             .with_start_size(size[k, c]))
             kept.add(k)
     return sorted(kept), begun
 
@@ -101,10 +101,10 @@ def with_tuned_mass(
     (hung,) = small.tuned
     return (replace(problem, predictor=replace(problem.predictor, small=small), effects=(*problem.effects, part[0]),
                     updated=(*problem.updated, hung.tuning), prior=_with_tunings(problem.prior, small)),
-            hung, IncludedEffect(effect=part[0], time_profile=profile, size=0.0).begun_at(size))
+            hung, IncludedEffect(effect=part[0], time_profile=profile, size=0.0).with_start_size(size))
 
 
-def prepared_with(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
+def model_with_parts(prepared: Prepared, parts: Sequence[Part]) -> Prepared:
     """The model with these parts as further effects; how masses on springs are tuned is estimated as its parameters
     are."""
     small = prepared.small.attach_parts([attachment for _, attachment in parts])
@@ -132,7 +132,7 @@ def free_form(
     if not parts:
         return None
     kept, begun = promising_parts(known.problem, known.null, parts)
-    wider = prepared_with(prepared, [parts[k] for k in kept])
+    wider = model_with_parts(prepared, [parts[k] for k in kept])
     try:
         outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)
     except ConvergenceError:

@@ -27,7 +27,7 @@ from probupdate.diagnosis.proposals import (
     with_crosstalk,
 )
 from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of, prior_shares
-from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.search import MARGIN, Search, conditional_scores, gains, model_error_dispersion, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 from probupdate.runtime.executors import Executor
@@ -144,7 +144,7 @@ def _to_first_order(
     """Of every candidate (n_candidate,) beside those `included` in a fit: whether it can be added there, its z, its ln
     Bayes factor and its size."""
     effect_of = problem.which[:, 0]
-    u, v = scores_beside(problem, base.design, base.centred, base.included, z_included)
+    u, v = conditional_scores(problem, base.design, base.centred, base.included, z_included)
     usable = (base.design.share_left > LEAST_LEFT) & (v > 0) & ~np.isin(effect_of, effect_of[list(included)])
     z = np.where(usable, u / np.sqrt(np.where(usable, v, 1.0)), 0.0)
     return usable, z, *gains(problem, u, np.where(usable, v, 0.0))
@@ -182,7 +182,7 @@ def _begin_effect(problem: DiagnosisProblem, base: Fit, candidate: int, size: fl
     effect, time_profile = problem.effects[j], problem.time_profiles[c]
     if time_profile.kind == "step":
         time_profile = sharpen_time(problem, base, int(j), time_profile)
-    return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).begun_at(size)
+    return IncludedEffect(effect=effect, time_profile=time_profile, size=0.0).with_start_size(size)
 
 
 def _restore_parameters(problem: DiagnosisProblem, theta: np.ndarray, added: IncludedEffect) -> np.ndarray | None:
@@ -291,14 +291,14 @@ def explore(
             continue
         if key and key not in renewed:
             renewed.add(key)
-            known |= _renewed_with_its_like(problem, known, key, renewed)
+            known |= _renewed_with_similar_effects(problem, known, key, renewed)
             # what its own noise and times made less probable is looked at when its turn comes again
             if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
         found = searches[key] = beside(here) if key else first
-        add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.beyond_sense)
+        add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.scores_impossible)
         if not key and not add:
             break
         if add:
@@ -341,7 +341,7 @@ def _first_move(problem: DiagnosisProblem, n: IncludedEffect, first: Search) -> 
 
 def _is_large(problem: DiagnosisProblem, found: Search, key: frozenset) -> bool:
     # of frequencies alone first order says which of two equal modes moves, where either may
-    return found.beyond_sense or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
+    return found.scores_impossible or bool(found.statistic.max() > LARGE) or not (key or problem.blocks.channels)
 
 
 def _leaves_much(problem: DiagnosisProblem, one: Hypothesis, found: Search, seed: int) -> bool:
@@ -360,7 +360,7 @@ def _choose_next(
                  if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))), None)
 
 
-def _renewed_with_its_like(
+def _renewed_with_similar_effects(
     problem: DiagnosisProblem, known: Mapping[frozenset, Hypothesis], key: frozenset, renewed: Set[frozenset]
 ) -> dict[frozenset, Hypothesis]:
     """That hypothesis renewed, and with its noise and times those of as many effects that were not."""
@@ -376,7 +376,7 @@ def _ordered_at_last(
     keys, relative = compared.order(problem, known)
     while keys[0] and keys[0] not in renewed:
         renewed.add(keys[0])
-        known |= _renewed_with_its_like(problem, known, keys[0], renewed)
+        known |= _renewed_with_similar_effects(problem, known, keys[0], renewed)
         keys, relative = compared.order(problem, known)
     return keys, relative
 

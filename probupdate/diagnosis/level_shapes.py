@@ -63,7 +63,7 @@ class LevelMotions:
     bends: tuple[np.ndarray, ...]
 
     @property
-    def of_their_own(self) -> list[tuple[str, tuple[int, ...]]]:
+    def own_channel_groups(self) -> list[tuple[str, tuple[int, ...]]]:
         """Places and single channels that one filter or mount may be of."""
         return [*self.places, *((self.channels[k], (k,)) for _, rows in self.places if len(rows) > 1 for k in rows)]
 
@@ -313,7 +313,7 @@ def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[H
     found = [_correct_effect(begun, e, prior[e.key]) for e in order]
     if all(e.cause != OWN_RESPONSE for e in begun.effects):
         found += [_fit_channel_response(begun, name, rows, min(prior.values()))
-                  for name, rows in levels.motions.of_their_own]
+                  for name, rows in levels.motions.own_channel_groups]
     return [one for one in found if one is not None]
 
 

@@ -127,7 +127,7 @@ class Design:
                                *error_scales])
 
     @cached_property
-    def _by_profile(self) -> tuple[list[tuple[int, slice, np.ndarray]], ...]:
+    def _unknowns_by_profile(self) -> tuple[list[tuple[int, slice, np.ndarray]], ...]:
         """Per group the unknowns that it sees, those of one kind together: the time profile that they follow, the n
         numbers that they have and what one of each makes (n_bin, n_response, n); (n_bin, n_response) where each
         response has its own."""
@@ -139,14 +139,14 @@ class Design:
             own += [(n_profile + 1 + k, slice(n_c + k, n_c + k + 1), self.effect[q][:, :, [effect]])
                     for k, (effect, _, _) in enumerate(self.included)]
             own += [(n_profile, slice(rows.start + part.start, rows.start + part.stop), made)
-                    for part, made in self.offsets_made(q)]
+                    for part, made in self.offset_responses(q)]
             own += [(n_profile + 1 + len(self.included) + k,
                      slice(rows.start + (k + 1) * total, rows.stop + (k + 1) * total), spread[q])
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
 
-    def offsets_made(self, q: int) -> list[tuple[slice, np.ndarray]]:
+    def offset_responses(self, q: int) -> list[tuple[slice, np.ndarray]]:
         """Which of a group's offsets make what (n_bin, n_response, n); (n_bin, n_response) where each makes itself."""
         m = self.discrepancy_std[q].size
         itself, turned = np.ones((self.n_bin, m)), None if self.turns is None else self.turns[q]
@@ -160,7 +160,7 @@ class Design:
     def unknowns_information(self) -> np.ndarray:
         """U^T R^-1 U (n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_profile):
+        for q, sorted_unknowns in enumerate(self._unknowns_by_profile):
             seen = np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin))
             precision = self.noise.precision[q]
             parts = [(row, number, made[seen], precision if made.ndim == 2 else precision @ made[seen])
@@ -176,7 +176,7 @@ class Design:
     def with_error_scale(self, error_scale: float) -> Design:
         """The design with another `error_scale`; what does not depend on it is not worked out again."""
         other = replace(self, error_scale=error_scale)
-        for name in ("_times", "_by_profile", "unknowns_information"):
+        for name in ("_times", "_unknowns_by_profile", "unknowns_information"):
             vars(other)[name] = getattr(self, name)
         return other
 
@@ -248,7 +248,7 @@ class Design:
         (effects, effect), (profiles, time_profile) = (np.unique(part, return_inverse=True)
                                                        for part in self.which[rows].T)
         B = np.zeros((len(rows), self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_profile):
+        for q, sorted_unknowns in enumerate(self._unknowns_by_profile):
             weighted = self.noise.precision[q] @ self.effect[q][:, :, effects]
             for row, number, made in sorted_unknowns:
                 turned = weighted.transpose(0, 2, 1)
@@ -267,7 +267,7 @@ class Design:
     def _informations(self) -> tuple[np.ndarray, np.ndarray]:
         """Per candidate its information before and after the unknowns have taken their part (n_candidate,)."""
         effect, time_profile = self.which.T
-        raw = self._along_time[effect, time_profile, time_profile]
+        raw = self._time_information[effect, time_profile, time_profile]
         taken, everything = np.zeros(len(raw)), np.arange(len(raw))
         for chunk in self._chunks(everything):
             # B C B^T with C = (L L^T)^-1 is the square of L^-1 B^T
@@ -325,7 +325,7 @@ class Design:
     def _right(self, known: list[np.ndarray]) -> np.ndarray:
         """U^T R^-1 y (..., n_unknown), U what the unknowns make; `known` the `_sums` behind the candidates'."""
         right = np.zeros((*known[0].shape[:-3], self.n_unknown))
-        for q, sorted_unknowns in enumerate(self._by_profile):
+        for q, sorted_unknowns in enumerate(self._unknowns_by_profile):
             weighted = known[q] @ self.noise.precision[q]
             for row, number, made in sorted_unknowns:
                 own = weighted[..., row - len(self.time_profiles), :, :]
@@ -377,7 +377,7 @@ class Design:
         """Residuals per group (..., n_block, n_response) that unknowns (..., n_unknown) make."""
         result = []
         for h, discrepancy_std, sorted_unknowns in zip(
-            self._profile_values, self.discrepancy_std, self._by_profile, strict=True
+            self._profile_values, self.discrepancy_std, self._unknowns_by_profile, strict=True
         ):
             y = np.zeros((*unknowns.shape[:-1], len(self.bin_of), discrepancy_std.size))
             for row, number, made in sorted_unknowns:
@@ -416,7 +416,8 @@ class Design:
         rows, others = np.asarray(rows, int), np.asarray(others, int)
         (effect, time_profile), (effect2, time_profile2) = self.which[rows].T, self.which[others].T
         if len(np.unique([*effect, *effect2])) == 1:
-            return self._along_time[effect[0]][np.ix_(time_profile, time_profile2)] - self._absorption(rows, others)
+            information = self._time_information[effect[0]][np.ix_(time_profile, time_profile2)]
+            return information - self._absorption(rows, others)
         (mine, effect), (their, effect2) = (np.unique(one, return_inverse=True) for one in (effect, effect2))
         at_times, of_effects = np.ix_(time_profile, time_profile2), np.ix_(effect, effect2)
         total = np.zeros((len(rows), len(others)))
@@ -440,7 +441,7 @@ class Design:
         return result
 
     @cached_property
-    def _along_time(self) -> np.ndarray:
+    def _time_information(self) -> np.ndarray:
         """(n_effect, n_profile, n_profile) X^T R^-1 X of each effect between its time profiles, R the noise alone."""
         n_profile = len(self.time_profiles)
         total = np.zeros((self.effect[0].shape[2], n_profile, n_profile))

@@ -76,7 +76,7 @@ class Noise:
         return replace(self, weight=tuple(frozen_array(w[chosen]) for w in self.weight),
                        stray=tuple(frozen_array(s[chosen], bool) for s in self.stray))
 
-    def as_usual(self, numbers: Sequence[int]) -> Noise:
+    def with_usual_weights(self, numbers: Sequence[int]) -> Noise:
         """With these blocks counted as their group's usual ones, where they are stray."""
         if not self.stray:
             return self

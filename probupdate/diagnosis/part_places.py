@@ -59,7 +59,7 @@ def directions(n: int = N_DIRECTION) -> list[Direction]:
     return [*level, Direction(number=n, words="vertical", unit=np.array([0.0, 0.0, 1.0]))]
 
 
-def placed_by(description: Description | None, extent_m: float) -> Callable[[np.ndarray], str]:
+def place_words(description: Description | None, extent_m: float) -> Callable[[np.ndarray], str]:
     """Words for a point (3,) of a structure of this extent: by leg, face and bay where it is described, else by its
     coordinates."""
     digits = decimals(SAME_PLACE * extent_m)

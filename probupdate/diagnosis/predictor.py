@@ -92,7 +92,7 @@ class ModalPredictor:
             return self
         return replace(self, planes=tuple(planes), log_frequency=tuple(logs), state=chosen.tobytes())
 
-    def through_sensors(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
+    def matched_as_measured(self, local: LocalModel, effects: Sequence[tuple[Effect, float]]) -> ModalPredictor:
         """Paired with modes as sensors with these effects and sizes show them, where that makes other pairs: with two
         channels exchanged, or one ten times too large, a measured shape may be more like that of another mode."""
         marks = "|".join(f"{e.key} {size!r}" for e, size in effects)
@@ -106,7 +106,7 @@ class ModalPredictor:
         """`_pairs` with the nacelle as in the model, kept: a step of a fit asks again what its trial asked."""
         planes, pairs = local.paired.get((self.state, marks), (None, []))
         if planes is not self.planes:
-            pairs = self._pairs(*self._search_modes(local, local.at_rest), local.has_tuned, seen)
+            pairs = self._pairs(*self._search_modes(local, local.resting_modes), local.has_tuned_mass, seen)
             local.paired[self.state, marks] = self.planes, pairs
         return pairs
 
@@ -114,21 +114,21 @@ class ModalPredictor:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
         their mates."""
         shape, groups = self._pair_modes(local, modes)
-        return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
+        return shape, self._add_neighbours(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
 
     def _pair_modes(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         shape, log = self._search_modes(local, modes)
-        return shape, self._pairs(shape, log, local.has_tuned, self.seen)
+        return shape, self._pairs(shape, log, local.has_tuned_mass, self.seen)
 
     def _pairs(
-        self, shape: np.ndarray, log: np.ndarray, has_tuned: bool, seen: Sequence[tuple[Effect, float]]
+        self, shape: np.ndarray, log: np.ndarray, has_tuned_mass: bool, seen: Sequence[tuple[Effect, float]]
     ) -> list[tuple[int, ...]]:
         """The computed modes of every group, ascending, of those with these shapes and ln f as sensors with the effects
         `seen` show them."""
         if not len(shape):
             return [(int(i),) for i in pair_in_order(self._centres, log)]
         shown, shift = _observed_shapes(shape, np.exp(log), seen) if seen else (shape, 0.0)
-        score = self._scores(shown, log + shift, has_tuned)
+        score = self._scores(shown, log + shift, has_tuned_mass)
         chosen = assign(score)
         taken = set(chosen.tolist())
         groups = []
@@ -158,20 +158,20 @@ class ModalPredictor:
         count = min(modes.n_search or local.n_search, modes.frequency_hz.size)
         return local.shapes(modes, count)[self.rows], np.log(modes.frequency_hz[:count])
 
-    def _scores(self, shape: np.ndarray, log: np.ndarray, has_tuned: bool) -> np.ndarray:
+    def _scores(self, shape: np.ndarray, log: np.ndarray, has_tuned_mass: bool) -> np.ndarray:
         """(n_measured, n_search) share of a computed shape in the measured plane and closeness of frequencies, 2 at
         most, which a pairing is by; -1 of modes that no sensor sees."""
         seen, (starts, sizes) = _is_seen(shape), self._places
         within = np.add.reduceat(np.abs(np.hstack(self.planes).T @ shape) ** 2, starts, axis=0)
         share = within / np.where(seen, _squares(shape), 1.0)
         score = np.where(seen, share + _nearness(log - self._centres[:, None]), -1.0)
-        if not has_tuned:
+        if not has_tuned_mass:
             # without what has it, a mode that the model lacks takes none that another one is
             score[list(self.lacked)] *= AFTER_ALL_OTHERS
         return np.repeat(score, sizes, axis=0)
 
     @staticmethod
-    def _with_mates(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
+    def _add_neighbours(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
         """Each group's computed modes with those next to them that no group has: which direction of their common plane
         was measured is not known from the model."""
         taken, near = {i for group in groups for i in group}, np.abs(log[:, None] - log) < MATE
@@ -449,7 +449,7 @@ def unit_scores(
             there = log + np.log(factor)
             found.append(_nearness(start._centres - there[pair_in_order(start._centres, there)]).mean())
             continue
-        score = start._scores(shape, log + np.log(factor), has_tuned=False)
+        score = start._scores(shape, log + np.log(factor), has_tuned_mass=False)
         found.append(score[np.arange(len(score)), assign(score)].mean())
     return np.array(found)
 

@@ -86,7 +86,7 @@ class IncludedEffect:
         reach = float(np.max(np.abs(self.time_profile.value)))
         return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
 
-    def begun_at(self, size: float) -> IncludedEffect:
+    def with_start_size(self, size: float) -> IncludedEffect:
         """To begin a fit with: of this size, but well within its bounds."""
         within = size if self.effect.discrete else np.clip(size, *np.multiply(0.6, self.bounds))
         return replace(self, size=float(within))
@@ -136,7 +136,7 @@ class DiagnosisProblem:
     def _predictors(self) -> dict[bytes, ModalPredictor]:
         return {}
 
-    def predictor_where(
+    def predictor_at_state(
         self, included: Sequence[IncludedEffect], values: Sequence[float] | np.ndarray
     ) -> ModalPredictor:
         """The predictor in the state that the effects among `included` make where their time profiles have these
@@ -260,9 +260,9 @@ def diagnosis_problem(
     with_columns, columns = with_derived(blocks), _columns(effects)
     time_profiles = make_time_profiles(with_columns, columns)
     unrecorded = _unrecorded_effects(with_columns, effects)
-    notes = [*joined_modes, *blocks.notes, *blocks.rarely_whole(), *with_columns.little_known(columns)]
+    notes = [*joined_modes, *blocks.notes, *blocks.rarely_whole(), *with_columns.sparse_column_notes(columns)]
     if unrecorded:
-        notes.append(f"too few sets state {TEMPERATURE}: changes of stiffness that {DAY_STD:g} degC (standard deviation, "
+        notes.append(f"too few sets state {TEMPERATURE}: changes of stiffness that {DAY_STD:g} degC (std, "
                      "within a day and between days) would cause count as normal; with that column they are tested")
     if prepared.small.turns and not blocks.headings_known:
         notes.append("no set states the nacelle's heading (nacelle_angle_deg): taken as in the model; where it "

@@ -27,7 +27,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.predictor import MATE
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
-from probupdate.diagnosis.search import MARGIN, Search, gains, model_error_dispersion, scores_beside, search
+from probupdate.diagnosis.search import MARGIN, Search, conditional_scores, gains, model_error_dispersion, search
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.effects.catalogue import Crosstalk, Effect
 from probupdate.runtime.arrays import frozen_array
@@ -122,19 +122,19 @@ def try_candidates(
     linear = own.count * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
     result, structural = [], []
 
-    def at_first(k: int) -> TriedCandidate:
+    def first_trial(k: int) -> TriedCandidate:
         return TriedCandidate(candidate=k, time_profile=problem.time_profiles[problem.which[k, 1]], size=float(size[k]),
                               gain=float(linear[k]), whole=False)
 
-    shown = _step_shown(problem, candidates, lower)
+    shown = _clearest_step(problem, candidates, lower)
     for rows in _group_by_effect_and_kind(problem, candidates):
-        t = at_first(int(rows[np.argmax(lower[rows])]))
+        t = first_trial(int(rows[np.argmax(lower[rows])]))
         if t.time_profile.kind not in ("constant", "step"):
             result.append(t)
         elif problem.effects[problem.which[t.candidate, 0]].observe is None:
             structural.append(t)
         else:
-            also = [at_first(k) for k in rows if problem.which[k, 1] == shown and k != t.candidate]
+            also = [first_trial(k) for k in rows if problem.which[k, 1] == shown and k != t.candidate]
             result.append(max(map(own.at_best_size, [t, *also]), key=lambda one: one.gain))
     # a structure's size costs modes: the most promising ones
     structural.sort(key=lambda t: -t.gain)
@@ -143,7 +143,7 @@ def try_candidates(
                   key=lambda t: -t.gain)
 
 
-def _step_shown(problem: DiagnosisProblem, candidates: np.ndarray, lower: np.ndarray) -> int:
+def _clearest_step(problem: DiagnosisProblem, candidates: np.ndarray, lower: np.ndarray) -> int:
     """The number of the step that any of the candidates explains most by, to first order, -1 without one: of a reversed
     sign and of exchanged channels first order finds another time than of what is like them."""
     steps = np.array([profile.kind == "step" for profile in problem.time_profiles])
@@ -269,7 +269,7 @@ def with_crosstalk(
     profiles = [one for k, one in enumerate(problem.time_profiles) if one.kind == "constant" or k == c]
     everything = problem_with_effects(problem, rows, [profiles] * len(rows))
     design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
-    u, v = scores_beside(everything, design, fitted.centred, fitted.included, z_included)
+    u, v = conditional_scores(everything, design, fitted.centred, fitted.included, z_included)
     gain, _ = gains(everything, u, np.where(design.share_left > 1e-3, v, 0.0))
     odds = np.log([everything.effects[j].prior_odds(everything.time_profiles[d].name) for j, d in everything.which])
     promise = gain / model_error_dispersion(float(found.statistic.max())) + odds
@@ -335,7 +335,7 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
         there = step_profile(len(problem.blocks), n.time_profile.at)
         best = min([there, *_steps_between_neighbours(problem, n.time_profile)], key=left)
         # a block between both states is far from both its neighbours, which a share of the step may explain
-        counted = replace(fitted.design, noise=noise.as_usual((best.at - 1, best.at)))
+        counted = replace(fitted.design, noise=noise.with_usual_weights((best.at - 1, best.at)))
         remaining = partial(left, design=counted)
         # what has one size only has no share of it
         within = best if n.effect.discrete else _step_within_block(best, remaining)

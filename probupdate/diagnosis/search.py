@@ -63,7 +63,7 @@ class Search:
         return np.where(self.allowed & self.usable, np.abs(self.z), 0.0)
 
     @property
-    def beyond_sense(self) -> bool:
+    def scores_impossible(self) -> bool:
         """Whether scores that are standard normal by construction need a threshold that no such numbers reach: the
         linear equations do not hold as far as what is not known of the model moves these modes."""
         # infinite where nothing is left to be scored, as beside findings of few sets
@@ -93,7 +93,7 @@ def search(
     else:
         maxima = maxima * heavier
     # the threshold is that of noise; what stands out beside a strong effect must exceed that one's model error too
-    beside, known = scores_beside(problem, design, fitted.centred, fitted.included, z_included)
+    beside, known = conditional_scores(problem, design, fitted.centred, fitted.included, z_included)
     std = np.where(usable, 1 / np.sqrt(np.where(usable, known, 1.0)), np.inf)
     scale = np.where(usable, std, 0.0)
     z = beside * scale
@@ -205,7 +205,7 @@ def model_error_dispersion(z: float, scale: float = MODEL_ERROR_SCALE) -> float:
     return 1 + (scale * z) ** 2 / DIRECTIONS
 
 
-def scores_beside(
+def conditional_scores(
     problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndarray], included: Sequence[IncludedEffect],
     z_included: Sequence[float],
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -203,7 +203,7 @@ def _judge_numbers(case: Case, seen: ReferencedBlocks, hypotheses: Sequence[PutR
     as_measured = seen.with_residuals(measured, used)
     # sensors and the structure are as probable before as each other; what is with effects of sensors at one time by
     # chance is as probable as a change at this time
-    structure = float(as_measured.unknown().of_any[0])
+    structure = float(as_measured.unknown().any_unknown[0])
     acting, odds, left = case.profile.value != 0, {}, {}
     for one, (rest, _) in zip(hypotheses, rests, strict=True):
         put_right = seen.with_residuals(rest, used)
@@ -213,7 +213,7 @@ def _judge_numbers(case: Case, seen: ReferencedBlocks, hypotheses: Sequence[PutR
                    for e, size in zip(one.effects, one.size, strict=True))
         odds[one.keys] = own
         unknown = put_right.unknown()
-        left[one.keys] = float(np.logaddexp(unknown.of_any[0] + case.log_prior,
+        left[one.keys] = float(np.logaddexp(unknown.any_unknown[0] + case.log_prior,
                                             unknown.frequencies[0] + np.log(LOOKS_ALIKE)))
     return SetOdds(of=odds, left=left, structure=structure)
 

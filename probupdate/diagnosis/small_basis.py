@@ -303,7 +303,7 @@ def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray, availabl
 def _project(first: AffineModel, basis: np.ndarray, n_mode: int) -> SmallModel:
     basis, turn = frozen_array(basis), np.linalg.inv([angle_harmonics(a) for a in TURNS_DEG])
 
-    def by_harmonics(terms: Sequence[sparse.csc_array], *turned: Sequence[sparse.csc_array]):
+    def harmonic_terms(terms: Sequence[sparse.csc_array], *turned: Sequence[sparse.csc_array]):
         # one that is empty for all that do not turn: the places of a thousand of them are more than all entries
         nothing = sparse.csc_array(terms[0].shape)
         waves = [list(terms), *([nothing] * len(terms) for _ in turned)]
@@ -313,8 +313,8 @@ def _project(first: AffineModel, basis: np.ndarray, n_mode: int) -> SmallModel:
                     wave[number] = part
         return tuple(ProjectedTerms.project(wave, basis) for wave in waves)
 
-    stiffness, mass = (by_harmonics(*terms) for terms in zip((first.stiffness, first.mass), *first.turned, strict=True))
-    about = Expansion.of_both(first.parameters, first.coefficients, (stiffness[0], mass[0]))
+    stiffness, mass = (harmonic_terms(*t) for t in zip((first.stiffness, first.mass), *first.turned, strict=True))
+    about = Expansion.from_matrices(first.parameters, first.coefficients, (stiffness[0], mass[0]))
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
         stiffness=stiffness, mass=mass, about=about,

@@ -84,7 +84,7 @@ class Attachment:
     def tuned_hz(self) -> float | None:
         return self.key.tuned_hz
 
-    def as_tuned(self, column: int, tuning: int) -> TunedMass:
+    def to_tuned_mass(self, column: int, tuning: int) -> TunedMass:
         """The mass on springs whose mass and tuning are these parameters. Raises ValueError where it is none."""
         if self.mass is None or self.tuned_hz is None:
             raise ValueError(f"{self.key.parameter} is no mass on springs")
@@ -187,7 +187,7 @@ class SmallModel:
                  for p in parts]
         added += [Parameter(name=f"{parts[k].key.parameter}, tuning", unit="-", initial=0.0, std=TUNING_STD)
                   for k in tuned]
-        hung = tuple(parts[k].as_tuned(own + k, own + len(parts) + i) for i, k in enumerate(tuned))
+        hung = tuple(parts[k].to_tuned_mass(own + k, own + len(parts) + i) for i, k in enumerate(tuned))
         correlation = self.parameters.correlation
         if correlation is not None:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
@@ -224,7 +224,7 @@ class LocalModel:
     theta: np.ndarray
 
     @cached_property
-    def _hung(self) -> list[tuple[TunedMass, slice]]:
+    def _tuned_masses(self) -> list[tuple[TunedMass, slice]]:
         """The tuned masses that are there, and their own degrees of freedom, behind those of the basis."""
         result, start = [], self.small.at_channels.shape[1]
         for one in self.small.tuned:
@@ -234,14 +234,14 @@ class LocalModel:
         return result
 
     @property
-    def has_tuned(self) -> bool:
+    def has_tuned_mass(self) -> bool:
         """Whether any tuned mass is there."""
-        return bool(self._hung)
+        return bool(self._tuned_masses)
 
     @property
     def size(self) -> int:
         """Degrees of freedom."""
-        return self._hung[-1][1].stop if self._hung else self.small.at_channels.shape[1]
+        return self._tuned_masses[-1][1].stop if self._tuned_masses else self.small.at_channels.shape[1]
 
     @property
     def n_search(self) -> int:
@@ -258,10 +258,10 @@ class LocalModel:
         small = self.small
         stiffness, mass = (about.evaluate(self.theta, parts[0], weight) for about, weight, parts in
                            zip(small.about, self._coefficients, (small.stiffness, small.mass), strict=True))
-        if self._hung:
+        if self._tuned_masses:
             more = self.size - len(stiffness)
             stiffness, mass = (np.pad(part, ((0, more), (0, more))) for part in (stiffness, mass))
-            for one, own in self._hung:
+            for one, own in self._tuned_masses:
                 amount, relative = self.theta[one.column], one.relative(own, self.size)
                 stiffness += amount * one.square(self.theta) * relative.T @ relative
                 mass[own, own] += amount * np.eye(len(one.rows))
@@ -339,7 +339,7 @@ class LocalModel:
         return {}
 
     @cached_property
-    def at_rest(self) -> SmallModes:
+    def resting_modes(self) -> SmallModes:
         """The modes looked through, with the nacelle as in the model."""
         return self.solve(0.0, self.n_search)
 
@@ -405,7 +405,7 @@ class LocalModel:
         """Adds what masses and frequencies of tuned masses change: Phi^T dK Y and Phi^T dM Y (n_param, n_mode, m) of
         modes `together` with these eigenvalues, Y what they are asked `onto`. One that is not there yet is
         m / (1 - lambda / omega^2) for each mode."""
-        there = {one.column: own for one, own in self._hung}
+        there = {one.column: own for one, own in self._tuned_masses}
         for number, one, of_mass in slopes.tuned:
             square = one.square(self.theta)
             if one.column in there:

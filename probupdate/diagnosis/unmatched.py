@@ -16,7 +16,7 @@ from scipy import special
 from probupdate.diagnosis.adequacy import ADEQUATE, adequacy
 from probupdate.diagnosis.blocks import FEWEST, find_unmatched_modes, mode_words, unmatched_words
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.elementary import FITTED, Part, hung_near
+from probupdate.diagnosis.elementary import FITTED, Part, tuned_masses_near
 from probupdate.diagnosis.evidence import log_evidence, marginal_evidence, sizes_std
 from probupdate.diagnosis.fitting import Fit, first_steps, fitted_without_candidates, noise_of, with_candidates
 from probupdate.diagnosis.free_form import (
@@ -95,7 +95,7 @@ def unmatched_modes(
     for number, record in enumerate(records):
         progress("modes that the model lacks", number, len(records))
         hz = tuple(float(record.frequency_hz * np.exp(shift)) for shift in NEAR)
-        problem, parts = _with_mode(prepared, known, data, record.label), hung_near(prepared, hz)
+        problem, parts = _with_mode(prepared, known, data, record.label), tuned_masses_near(prepared, hz)
         if problem is not None and parts:
             result.append(_explain_mode(known, problem, record, parts, seed=seed, runs=runs))
     return result

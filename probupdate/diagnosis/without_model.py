@@ -127,7 +127,7 @@ def _sharpen_step(followed: ReferencedBlocks, time_profile: TimeProfile, known: 
     near = [step_profile(n, at) for at in range(max(EDGE, time_profile.at - reach), min(n - EDGE,
                                                                                         time_profile.at + reach) + 1)]
     finer = watch(followed.blocks, (), sensors, known, near)
-    return near[int(np.argmax(finer.unknown().of_any))]
+    return near[int(np.argmax(finer.unknown().any_unknown))]
 
 
 def _condition(

@@ -97,7 +97,7 @@ def size_words(finding: Mapping, content: Mapping) -> str:
     """"+12.0 +- 0.9 %"; of the model's own parameters the values before and after, "from 1.29 to 0.91 (-29 +- 3 %)"."""
     size, std, unit = finding["size"], finding.get("size_std"), finding["unit"]
     change = DISCRETE.get(finding["cause"]) or amount(size, std, unit, finding["cause"])
-    before = value_before(finding, content)
+    before = value_before_change(finding, content)
     if before is None or size is None:
         return change
     if before:
@@ -106,7 +106,7 @@ def size_words(finding: Mapping, content: Mapping) -> str:
     return f"from {before:.3g} to {before + size:.3g}{per} ({change})"
 
 
-def value_before(finding: Mapping, content: Mapping) -> float | None:
+def value_before_change(finding: Mapping, content: Mapping) -> float | None:
     """Of one of the model's own parameters that changed within the record, its value before: as fitted, and with what
     it had changed already. None of other findings."""
     if finding["cause"] != OWN_PARAMETER or finding.get("time_profile") not in CHANGES:

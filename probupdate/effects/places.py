@@ -11,7 +11,7 @@ from probupdate.effects.catalogue import Effect, positions
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.along_lines import Way, nodes_beside, ways, with_ways
+from probupdate.structure.along_lines import Way, move_channels, neighbouring_nodes, ways
 from probupdate.structure.extend import EffectParameter
 
 CAUSE = "sensor at another place"
@@ -27,7 +27,7 @@ def with_places(
     placed = [s for s in sensors if s.channel in model.channels]
     effects: list[Effect] = []
     added: list[tuple[Parameter, Way]] = []
-    beside = nodes_beside(model)
+    beside = neighbouring_nodes(model)
     for name, _, there in positions(placed, {c: k for k, c in enumerate(model.channels)}):
         together = ((name, there), *([(s.channel, [s]) for s in there] if alone and len(there) > 1 else ()))
         found = [(called, own, way) for called, own in together for way in ways(model, own, beside)]
@@ -35,7 +35,7 @@ def with_places(
             p = _parameter(called, own, way, taken=[*model.parameters.names, *(p.name for p, _ in added)])
             effects.append(_effect(p, odds=1 / len(found)))
             added.append((p.parameter, way))
-    return (with_ways(model, added, placed) if added else model), tuple(effects)
+    return (move_channels(model, added, placed) if added else model), tuple(effects)
 
 
 def _parameter(name: str, there: Sequence[Sensor], way: Way, *, taken: Sequence[str]) -> EffectParameter:

@@ -15,7 +15,7 @@ from probupdate.farms.month import MonthState, ended_month, is_done, month_sourc
 from probupdate.farms.page import write_page
 from probupdate.farms.records import read_kept, record_table
 from probupdate.farms.summary import FAILED, LEFT_OUT, WAITING, MonthRow, farm_rows, rows_table, write_rows
-from probupdate.io.files import holds_nothing, read_json_table, remove_stale, write_json
+from probupdate.io.files import is_empty_folder, read_json_table, remove_stale, write_json
 from probupdate.runtime.executors import Executor, Shard, executor
 from probupdate.runtime.progress import Progress, silent
 
@@ -129,7 +129,7 @@ def claim_folder(out: Path, farm: Farm) -> None:
     """Refuses a folder of something else, and one of another farm by name."""
     path = out / HEAD
     # asked before the head: another shard may write that one meanwhile
-    foreign = not holds_nothing(out)
+    foreign = not is_empty_folder(out)
     if path.exists():
         found = read_json_table(path, ANEW).get("name")
         if found != farm.name:

@@ -23,7 +23,7 @@ from probupdate.identification.block_poles import WITHOUT_ARRAYS, BlockPoles, Bl
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
 from probupdate.identification.environment import environment_of, fore_aft_deg
-from probupdate.identification.hand_picked import HandPicked
+from probupdate.identification.hand_picked import HandPickedModes
 from probupdate.identification.order_average import single_pole_key
 from probupdate.identification.physical import PhysicalModes
 from probupdate.identification.reference import ReferenceModes, turn_reference
@@ -101,12 +101,12 @@ class FollowedModes:
     picked: dict[pd.Timestamp, ChosenPoles]
     judge: Callable[[StoredBlock], JudgedBlock]
     order: int
-    hand: HandPicked | None = None
+    hand: HandPickedModes | None = None
 
 
 def follow(
     blocks: BlockStore, campaign: Campaign, physical: PhysicalModes, reference: ReferenceModes | None, *,
-    settings: SSISettings, rule: StateRule, progress: Progress, hand: HandPicked | None = None,
+    settings: SSISettings, rule: StateRule, progress: Progress, hand: HandPickedModes | None = None,
 ) -> FollowedModes:
     """`hand`: poles that stand for the modes because they were picked, and those that may not."""
     # a year's poles are gigabytes: a block is held against the modes twice, for its votes and for its choice
@@ -140,7 +140,7 @@ def follow(
 
 def _judge_block(
     blocks: BlockStore, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
-    hand: HandPicked | None, one: StoredBlock, block: BlockPoles | None = None,
+    hand: HandPickedModes | None, one: StoredBlock, block: BlockPoles | None = None,
 ) -> JudgedBlock:
     """`block` if it was read already."""
     block = block or blocks.read(one.block.start, spectra=False)
@@ -165,7 +165,7 @@ def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
 
 
 def _pick_poles(
-    judged: JudgedBlock, choice: Choice, chosen_order: int, start: pd.Timestamp, hand: HandPicked | None
+    judged: JudgedBlock, choice: Choice, chosen_order: int, start: pd.Timestamp, hand: HandPickedModes | None
 ) -> ChosenPoles:
     """Poles that were picked by hand stand for themselves, not for an average over orders."""
     by_hand = hand is not None and start in hand.picked

@@ -65,7 +65,7 @@ class _Candidate:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Chosen:
+class ChosenCovariates:
     """names and columns (n_row,) of all covariates as they are to be fitted, and of nuisances; shapes in the order in
     which they were found; spread (n_name, n_name): covariance of the coefficients of `names` for what is not known of
     the shapes' constants; followed: of covariates that are followed behind, what is followed (n_row,)."""
@@ -80,7 +80,7 @@ class Chosen:
 
 def choose_shapes(
     value: np.ndarray, noise: np.ndarray, time_h: np.ndarray, covariates: Mapping[str, np.ndarray]
-) -> Chosen:
+) -> ChosenCovariates:
     """Shapes of value (n_row,), all known, at time_h (n_row,) ascending with standard deviations noise (n_row,), one by
     one as long as the odds for the best are twenty beyond all others' share. A name 'cos x' has its 'sin x'."""
     so_far = _Columns(blocks={name: column[:, None] for name, column in covariates.items()},
@@ -142,8 +142,8 @@ class _Columns:
         # a structure may step again
         self.taken |= {candidate.way} if candidate.kind != "step" else set()
 
-    def chosen(self, shapes: Sequence[Shape]) -> Chosen:
-        return Chosen(
+    def chosen(self, shapes: Sequence[Shape]) -> ChosenCovariates:
+        return ChosenCovariates(
             names=tuple(n for own in self.names.values() for n in own),
             columns=tuple(c for block in self.blocks.values() for c in block.T),
             nuisances=tuple(c for block in self.nuisances.values() for c in block.T), shapes=tuple(shapes),

@@ -33,7 +33,7 @@ ONE_MODE = 0.8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HandPicked:
+class HandPickedModes:
     """physical: the modes that were picked; picked: start of a block -> mode -> (model order, index) of its pole;
     rejected: start -> (model order, index) -> reason."""
 
@@ -102,7 +102,7 @@ def refuse_other_records(choice: ModeChoice, blocks: BlockStore, campaign: Campa
                              f"{'; '.join(now) or 'none'}", ELSEWHERE)
 
 
-def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPicked:
+def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPickedModes:
     """The poles of a choice among those that are stored. Raises InputError where one is not there."""
     found: dict[pd.Timestamp, dict[tuple[int, int], ChosenPole]] = {}
     rejected: dict[pd.Timestamp, dict[tuple[int, int], str]] = {}
@@ -123,7 +123,7 @@ def hand_picked(choice: ModeChoice, blocks: BlockStore, where: str) -> HandPicke
         if not exact:
             notes.append(f"block {block.id}: its poles differ by rounding from those that the choice was made on")
     physical, picked = _modes(found, stored, (*choice.sentences, *notes), where)
-    return HandPicked(physical=physical, picked=picked, rejected=rejected)
+    return HandPickedModes(physical=physical, picked=picked, rejected=rejected)
 
 
 def _key(block: BlockPoles, pole: ChosenPole, exact: bool, where: str) -> tuple[int, int]:

@@ -31,7 +31,7 @@ from probupdate.identification.chosen_poles import (
     without_uncertain,
 )
 from probupdate.identification.environment import environment_of
-from probupdate.identification.hand_picked import HandPicked, hand_picked, opened_choice, refuse_other_records
+from probupdate.identification.hand_picked import HandPickedModes, hand_picked, opened_choice, refuse_other_records
 from probupdate.identification.naming import name_modes, with_independence
 from probupdate.identification.physical import (
     PersistenceSettings,
@@ -270,7 +270,7 @@ def classify_blocks(
     settings: SSISettings,
     rule: StateRule,
     others: ReferenceModes | None = None,
-    hand: HandPicked | None = None,
+    hand: HandPickedModes | None = None,
     every: bool = False,
     jobs: int | Executor = 1,
     progress: Progress = silent,

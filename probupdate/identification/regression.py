@@ -138,7 +138,8 @@ def regress(
 
 def _refuse_few(response: str, value: np.ndarray, names: Sequence[str]) -> None:
     if len(value) < 1 + len(names) + SPARE_ROWS:
-        raise InputError(f"regression of {response}", f"{len(value)} blocks have the mode and {', '.join(names) or 'no covariate'}; "
+        raise InputError(f"regression of {response}", f"{len(value)} blocks have the mode and "
+                         f"{', '.join(names) or 'no covariate'}; "
                          f"{1 + len(names)} coefficients need {1 + len(names) + SPARE_ROWS}",
                          "use fewer covariates or a longer campaign")
     if np.ptp(value) <= 1e-12 * np.max(np.abs(value)):

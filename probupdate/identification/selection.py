@@ -150,14 +150,14 @@ def select(
     good = [s for s, p in zip(sets, passed, strict=True) if p]
     score, odd = np.full(len(sets), np.nan), np.zeros(len(sets), bool)
     score[passed] = inconsistency(good, required, pairs)
-    odd[passed] = unlike_the_others(good, required)
+    odd[passed] = outlying_sets(good, required)
     kept = passed & ~odd
     order = np.argsort(np.where(kept, score, np.inf), kind="stable")[: min(count, int(kept.sum()))]
     notes += _odd_notes(sets, odd, kept, required, labels)
     wrong = wrong_values(sets)
     notes += _wrong_notes(sets, wrong, labels)
     scatter = _scatter(labels, sets, passed, odd, wrong)
-    chosen = [_with_own(sets[k], labels) for k in sorted(order)]
+    chosen = [_with_own_std(sets[k], labels) for k in sorted(order)]
     if std_from == CAMPAIGN:
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
         good = [s for s, k in zip(sets, kept, strict=True) if k]
@@ -220,7 +220,7 @@ def _table(
     return table
 
 
-def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
+def _with_own_std(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
     """The set with the standard deviations it came with in its environment, where it came with any."""
     own = {f"own_std_hz_{label}": float(std) for label, std in zip(labels, s.frequency_std_hz, strict=True)
            if np.isfinite(std)}
@@ -321,7 +321,7 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     return np.sqrt(np.mean(np.concatenate(terms, axis=1) ** 2, axis=1))
 
 
-def unlike_the_others(sets: list[ModalSet], required: list[int]) -> np.ndarray:
+def outlying_sets(sets: list[ModalSet], required: list[int]) -> np.ndarray:
     """(n_set,) bool: one of its required frequencies is an outlier among theirs (generalised extreme Studentised
     deviate, Rosner 1983); by chance in one of a thousand selections is any."""
     odd, frequency = np.zeros(len(sets), bool), np.array([s.frequency_hz for s in sets])

@@ -72,7 +72,7 @@ def identify_setups(
         parts, owner = _candidates(poles, settings, persistence)
         if not parts:
             raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
-        alone = _identify_each(campaigns, names, parts, owner, persistence)
+        alone = _identify_setups_alone(campaigns, names, parts, owner, persistence)
         compared, away = compare_references(alone, shared), frequency_shifts(alone, shared)
         # of a structure that changed in between the modes are one all the same
         shift = [away.get(name, 0.0) for name in names]
@@ -138,7 +138,7 @@ def align_directions(campaigns: Sequence[Campaign]) -> list[Campaign]:
     return found
 
 
-def _identify_each(
+def _identify_setups_alone(
     campaigns: Sequence[Campaign], names: Sequence[str], parts: list[Candidates], owner: list[int],
     persistence: PersistenceSettings,
 ) -> list[SetupModes]:

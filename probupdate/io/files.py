@@ -77,7 +77,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     _refuse_target(path)
     with errors_named(path):
-        part = _temporary_beside(path)
+        part = _temporary_path(path)
     try:
         with errors_named(path):
             yield part
@@ -92,7 +92,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
             part.unlink()
 
 
-def _temporary_beside(path: Path) -> Path:
+def _temporary_path(path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_remains(path.parent.absolute())
     # a name may have 255 bytes
@@ -107,7 +107,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     path = Path(path).absolute()
     refuse_filled(path)
     with errors_named(path):
-        part = _temporary_beside(path)
+        part = _temporary_path(path)
         part.mkdir()
     try:
         yield part
@@ -208,7 +208,7 @@ def _escape_formula(cell: Any) -> Any:
     return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
 
 
-def holds_nothing(folder: str | Path) -> bool:
+def is_empty_folder(folder: str | Path) -> bool:
     """Whether a folder is absent, or has no file: what a run leaves that ended before it wrote one, empty folders and
     temporary files, is nothing."""
     return all(here.is_dir() or here.name.endswith(PART) for here in Path(folder).rglob("*"))

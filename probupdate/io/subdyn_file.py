@@ -223,7 +223,7 @@ class _Reader:
 
     def numbers(self, line: int, found: list[str], allowed: Sequence[int], title: str) -> list[float]:
         """The leading numbers of a row, as many as the table has columns; what stands behind them SubDyn passes over,
-        and numbers above zero there are reported (`passed_over`)."""
+        and numbers above zero there are reported (`skipped_tables`)."""
         values = []
         for word in found:
             value = number(word)
@@ -240,7 +240,7 @@ class _Reader:
             self.beyond.setdefault(title, []).append(line)
         return values[:most]
 
-    def passed_over(self) -> list[str]:
+    def skipped_tables(self) -> list[str]:
         """A sentence for each table with numbers behind its columns."""
         return [f"{self.where}, line {at[0]}: SubDyn passes over what stands behind the columns of {title}"
                 f"{f' (and in {len(at) - 1} more lines)' if at[1:] else ''}: {EXTRA.get(title, 'not used here either')}"
@@ -271,7 +271,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     members = _members(r, member_rows, spin)
     if r.at >= len(lines) or not any(words(line) for line in lines[r.at :]):
         notes.append(f"{where}: ends before its OUTPUT section; SubDyn itself will not read it")
-    notes += r.passed_over()
+    notes += r.skipped_tables()
     notes += _list_unused(where, settings, tables["cable"])
     file = SubDynFile(
         where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,

@@ -234,7 +234,8 @@ def read_conditions(path: str | Path) -> Conditions:
         # a key that is misspelt is missing too
         first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
-        problem = f"{first['input']!r} is wrong: {first['msg'].lower().replace('input should', 'it must').replace('a valid boolean', 'true or false')}"
+        wanted = first["msg"].lower().replace("input should", "it must").replace("a valid boolean", "true or false")
+        problem = f"{first['input']!r} is wrong: {wanted}"
         problem, remedy = {
             "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
@@ -291,7 +292,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 yield from _factor_mistakes(f"{kind}[{k + 1}]", item)
     yield from _check_curves(c)
     for k, state in enumerate(c.state):
-        if state.thrust_spectrum is not None and not _is_beside(path, state.thrust_spectrum):
+        if state.thrust_spectrum is not None and not _is_file_below(path, state.thrust_spectrum):
             yield (
                 f"state[{k + 1}].thrust_spectrum",
                 f"'{state.thrust_spectrum}' is not a file beside this one",
@@ -358,7 +359,7 @@ def _factor_mistakes(where: str, item: Sides) -> Iterator[tuple[str, str, str]]:
         yield f"{where}.efthymiou.gap_m", problem, "state it for K, and for K alone"
 
 
-def _is_beside(path: Path, name: str) -> bool:
+def _is_file_below(path: Path, name: str) -> bool:
     folder = path.resolve().parent
     file = (folder / name).resolve()
     return file.is_relative_to(folder) and file.is_file()

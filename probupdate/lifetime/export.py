@@ -37,8 +37,8 @@ from probupdate.structure.description_file import read_description as read_turbi
 from probupdate.structure.load import model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import file_beside, is_subdyn
-from probupdate.structure.substructure import NothingBelow, turbine_substructures
+from probupdate.structure.subdyn_model import is_subdyn, named_file
+from probupdate.structure.substructure import NoSubstructure, turbine_substructures
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.problem import Problem
 
@@ -481,7 +481,7 @@ def _reducer(
     modes."""
     path, names = drawn.path, drawn.model.parameters.names
     if is_subdyn(path):
-        own = file_beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file") if path.suffix == ".toml" else path
+        own = named_file(path, read_toml(path)["subdyn"]["file"], "subdyn.file") if path.suffix == ".toml" else path
         if not read_subdyn(own, path.parent).interfaces:
             left_out.append(f"superelements: {own.name} has no interface joints, where they end; list them (NInterf)")
             return None
@@ -497,7 +497,7 @@ def _reducer(
 
     try:
         below = turbine_substructures(read_turbine(first / "model.toml"), names)
-    except NothingBelow as error:
+    except NoSubstructure as error:
         left_out.append(f"superelements: {error}")
         return None
 

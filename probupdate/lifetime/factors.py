@@ -125,10 +125,10 @@ def tolerance_draws(
     # what a source is expected to do (its mean) is in the prediction
     residual = (problem.measured - response) @ problem.noise_root.T
     unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
-    return mean + std * (unit if lowest is None else _held_above(unit, (lowest - mean) / std, root @ root.T))
+    return mean + std * (unit if lowest is None else _censored_draws(unit, (lowest - mean) / std, root @ root.T))
 
 
-def _held_above(draws: np.ndarray, lowest: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _censored_draws(draws: np.ndarray, lowest: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Draws (n, n_source) of a Gaussian with what lies below `lowest` set to it, and the others moved as they follow
     from that: what the data say of all together stays."""
     found = np.array(draws)

@@ -59,7 +59,7 @@ def used_lines(n_sample: int, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Driven:
+class LoadedStructure:
     """A structure under unit loads at frequency lines (n_line,), in the coordinates of its modes on a basis.
 
     constant (n_basis, n_constant): unit forces that are alike at all frequencies; wave (2, n_basis, n_wet) and own
@@ -83,7 +83,7 @@ class Driven:
     gauge_to_hz: float = np.inf
     past: np.ndarray | None = None
 
-    def with_gauges(self, detail: np.ndarray, weight: np.ndarray, rate_hz: float) -> Driven:
+    def with_gauges(self, detail: np.ndarray, weight: np.ndarray, rate_hz: float) -> LoadedStructure:
         """With strain gauges as further channels, in MPa: detail (n,) that each lies at, weight (n, 3) of its nominal
         stresses, their sampling rate."""
         def rows(x: np.ndarray) -> np.ndarray:
@@ -166,7 +166,7 @@ def wind_cases(model: StressModel, state: int, frequency_hz: np.ndarray) -> tupl
 def driven(
     model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
     frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
-) -> Driven:
+) -> LoadedStructure:
     """`model`, reduced both ways, at theta under the loads `wind_cases` of a state. `order` (n_channel,): see
     `Driven`; n_modal: modes with a force of their own."""
     model = replace(model, frequency_hz=frequency_hz)
@@ -194,7 +194,7 @@ def driven(
     tilt = held[:, None] * rows[n:] if structure.tilt_matrix is not None else np.zeros_like(rows[:n])
     # a displacement transducer feels no gravity
     tilt = np.where((order < 2)[:, None], tilt, 0.0)
-    return Driven(
+    return LoadedStructure(
         frequency_hz=frozen_array(frequency_hz), modes=m,
         constant=frozen_array(np.column_stack([thrust, np.eye(V.shape[1])[:, :n_modal]])),
         wave=wave, own=np.array([m.scale * c.own for c in (case, other)]),
@@ -209,7 +209,7 @@ class Smoother:
     """Loads given readings: gain (n_line, n_input, n_channel); load (n_input, n_line) and noise (n_line, n_channel)
     densities as learnt; `of` the structure."""
 
-    of: Driven
+    of: LoadedStructure
     load: np.ndarray
     noise: np.ndarray
     gain: np.ndarray
@@ -226,7 +226,7 @@ class Smoother:
         return 0.5 * (P + np.conj(P.transpose(0, 2, 1)))
 
 
-def smoother(of: Driven, cross: np.ndarray, channels: np.ndarray) -> Smoother:
+def smoother(of: LoadedStructure, cross: np.ndarray, channels: np.ndarray) -> Smoother:
     """Learnt from the mean cross-spectral densities `cross` (n_line, n_channel, n_channel) of records with these
     channels (numbers) alike in load; other channels are not used."""
     f = of.frequency_hz
@@ -257,7 +257,7 @@ def smoother(of: Driven, cross: np.ndarray, channels: np.ndarray) -> Smoother:
     return Smoother(of=kept, load=load, noise=noise, gain=gain)
 
 
-def _gauge_noise(of: Driven, auto: np.ndarray, band: list[tuple[int, int]], gauge: np.ndarray) -> np.ndarray:
+def _gauge_noise(of: LoadedStructure, auto: np.ndarray, band: list[tuple[int, int]], gauge: np.ndarray) -> np.ndarray:
     """(n_line, n_channel) densities of gauges' own noise, none of other channels: white, as large as the least that a
     band holds, and without bound above the frequency up to which gauges are used."""
     f, floor = of.frequency_hz, np.zeros_like(auto)

@@ -28,7 +28,15 @@ from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail, HotSpot, thickness_effects, weights
 from probupdate.lifetime.fatigue import SLOPES, fatigue_model_of
 from probupdate.lifetime.gauges import GaugeCheck, GaugeFiles, Gauges, gauge_comparison, read_gauges
-from probupdate.lifetime.load_estimate import INTEGRATED, Driven, Smoother, driven, smoother, used_lines, wind_cases
+from probupdate.lifetime.load_estimate import (
+    INTEGRATED,
+    LoadedStructure,
+    Smoother,
+    driven,
+    smoother,
+    used_lines,
+    wind_cases,
+)
 from probupdate.lifetime.modal_stress import paired_moments
 from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
@@ -376,7 +384,7 @@ class _Work:
     def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
         return wind_cases(self.model_at(heading_deg), state, self.frequency_hz)
 
-    def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> Driven:
+    def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> LoadedStructure:
         found = driven(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
         if self.joined is None:
             return found
@@ -501,7 +509,7 @@ class _Group:
         if not blocks:
             return None
 
-        def damage(of: Driven) -> np.ndarray:
+        def damage(of: LoadedStructure) -> np.ndarray:
             made: dict[tuple[int, ...], Smoother] = {}
             total = np.zeros(len(self.work.spots))
             for whole, lines in blocks:

@@ -30,10 +30,10 @@ from probupdate.structure.frame import Frame
 from probupdate.structure.load import load_model, matrices_file
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import file_beside, is_subdyn, subdyn_model
+from probupdate.structure.subdyn_model import is_subdyn, named_file, subdyn_model
 from probupdate.structure.subdyn_values import apply_values, carried_masses
-from probupdate.structure.subdyn_writing import NOT_WRITTEN, UNSPOKEN, NoWord
-from probupdate.structure.substructure import NothingBelow
+from probupdate.structure.subdyn_writing import NOT_WRITTEN, UNSPOKEN, NoSubDynKeyword
+from probupdate.structure.substructure import NoSubstructure
 from probupdate.structure.turbine_frame import build_frame
 from probupdate.updating.problem import Problem
 
@@ -220,7 +220,7 @@ def _substructure(
         p.model_copy(update={"initial": odd[p.name]}) if p.name in odd else p for p in described.parameter)})
     try:
         paths = write_substructure(described, folder, remark, drawn.frame)
-    except (NothingBelow, NoWord) as error:
+    except (NoSubstructure, NoSubDynKeyword) as error:
         if left_out is not None:
             left_out.append(f"models as SubDyn files: {error}")
         return {}
@@ -243,7 +243,7 @@ def _toml_model(
         written[raw["matrices"]["file"]] = False
         _copy_archive(source, folder / raw["matrices"]["file"], remark)
     if "subdyn" in raw:
-        file = read_subdyn(file_beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
+        file = read_subdyn(named_file(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
         target = folder / raw["subdyn"]["file"]
         target.parent.mkdir(parents=True, exist_ok=True)
         lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
@@ -252,7 +252,7 @@ def _toml_model(
         written |= dict.fromkeys((own.as_posix(), *(_join_path(own.parent, name) for name in file.soil)), False)
         if "elastodyn" in raw.get("tower", {}):
             root = path.resolve().parent
-            for source in referenced_files(file_beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
+            for source in referenced_files(named_file(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
                 name = source.relative_to(root)
                 written[name.as_posix()] = False
                 _copy_openfast(source, folder / name, remark)

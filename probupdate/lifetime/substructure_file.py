@@ -24,8 +24,8 @@ N_COMPARED, DIFFERENT = 6, 0.01
 
 
 def write_substructure(d: Description, folder: Path, remark: str, frame: Frame | None = None) -> list[Path]:
-    """Of a turbine (`frame`: where it has been built already) -> the paths, SubDyn's file first. Raises NothingBelow
-    where the tower stands on no structure, NoWord where it is more than SubDyn can be given."""
+    """Of a turbine (`frame`: where it has been built already) -> the paths, SubDyn's file first. Raises NoSubstructure
+    where the tower stands on no structure, NoSubDynKeyword where it is more than SubDyn can be given."""
     frame = build_frame(d) if frame is None else frame
     above, foot = split(frame, d.name)
     file = subdyn_file_of(frame, d.values, above, foot, theory=d.mesh.theory, title=f"{d.name} | {remark}")

@@ -113,8 +113,8 @@ def refuse_no_celsius(where: str, temperature: np.ndarray) -> None:
     known = temperature[np.isfinite(temperature)]
     middle = float(np.median(known)) if len(known) else 0.0
     if abs(middle) > WARMEST_C:
-        raise InputError(f"{where}, {AIR}", f"a median of {middle:.4g} is no air temperature in degrees Celsius: these may "
-                         "be kelvin or degrees Fahrenheit", "convert the column to degrees Celsius")
+        raise InputError(f"{where}, {AIR}", f"a median of {middle:.4g} is no air temperature in degrees Celsius",
+                         "convert it from kelvin or degrees Fahrenheit")
 
 
 # what is counted or computed with, where it is stated
@@ -217,7 +217,7 @@ def _read_modes(path: Path) -> ModalData:
     beside = content.get("deviations")
     with nullcontext() if beside is None else opened_factors(path, beside) as factors:
         sets = tuple(_read_modal_set(path, k, raw, len(channels), factors)
-                     for k, raw in enumerate(_handed_over(content.pop("sets"))))
+                     for k, raw in enumerate(_pop_rows(content.pop("sets"))))
     _refuse_per_cent(path, sets)
     _refuse_lost(path, sets)
     _refuse_mixed(path, sets)
@@ -269,7 +269,7 @@ def _json_of_modes(path: Path) -> dict:
     return content
 
 
-def _handed_over(rows: list) -> Iterator:
+def _pop_rows(rows: list) -> Iterator:
     """One after the other, none kept: as Python's numbers they take ten times as much as in arrays."""
     rows.reverse()
     while rows:

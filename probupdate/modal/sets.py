@@ -61,7 +61,8 @@ class Sensor:
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
         if (direction.shape != (3,) or not np.all(np.abs(direction) < 2)
                 or not abs(np.linalg.norm(direction) - 1) < 1e-3):
-            raise InputError(where, f"direction {self.direction} is not a unit vector", "give the direction as three numbers of length 1")
+            raise InputError(where, f"direction {self.direction} is not a unit vector",
+                             "give three numbers whose squares add up to 1")
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
             if self.quantity in OTHER_QUANTITIES:

@@ -70,7 +70,7 @@ def findings(run: Run) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
 
 
-def gravest(found: tuple[Finding, ...]) -> str:
+def worst_level(found: tuple[Finding, ...]) -> str:
     return found[0].level if found else "good"
 
 

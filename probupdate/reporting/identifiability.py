@@ -18,7 +18,7 @@ from probupdate.updating.identifiability import (
     sampled_width,
 )
 from probupdate.updating.posterior_file import Posterior
-from probupdate.updating.update_file import UpdateRecord, proves_nothing
+from probupdate.updating.update_file import UpdateRecord, is_unproven
 
 __all__ = ["BOUND", "DIAGNOSED", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Identifiability", "contraction", "estimate",
            "names_of", "identifiabilities"]
@@ -79,7 +79,7 @@ def identifiabilities(update: UpdateRecord, posterior: Posterior | None) -> tupl
             low = abs(update.map_theta[k] - p.lower) <= abs(update.map_theta[k] - p.upper)
             kind, words = BOUND, f"at its {'lower' if low else 'upper'} bound"
         else:
-            kind = words = identifiability(width, at_bound=False, unproven=proves_nothing(update),
+            kind = words = identifiability(width, at_bound=False, unproven=is_unproven(update),
                                            description=p.description)
         found.append(Identifiability(name=p.name, kind=kind, words=words, width=float(width),
                                      shift=float(stats.norm.ppf(np.clip(p.distribution.cdf(after[k]), 1e-12,

@@ -29,7 +29,15 @@ from probupdate.reporting.elements import (
     number,
     percent,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, NEITHER_STATE, Finding, checks, evaluations, findings, gravest
+from probupdate.reporting.findings import (
+    MANY_FALLBACKS,
+    NEITHER_STATE,
+    Finding,
+    checks,
+    evaluations,
+    findings,
+    worst_level,
+)
 from probupdate.reporting.identifiability import (
     BOUND,
     DIAGNOSED,
@@ -64,7 +72,8 @@ def verdict_section(run: Run) -> Section:
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
     if cautions:
-        items.append(Items(title="What not to rely on", statements=tuple(cautions), level=gravest(found), width="half"))
+        items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst_level(found),
+                           width="half"))
     if run.diagnosis is not None and run.diagnosis["findings"]:
         items.append(_findings_picture(run.diagnosis, (run.truth or {}).get("effects", ())))
     elif run.update is not None:
@@ -84,7 +93,7 @@ def verdict_section(run: Run) -> Section:
         elsewhere = " If records or model lie elsewhere: probupdate report --campaign, --model." if (
             run.campaign is None or run.model is None) else ""
         items.append(Notice(level="missing", text="; ".join(run.missing) + "." + elsewhere))
-    level = gravest(found) if run.update is not None or found else "plain"
+    level = worst_level(found) if run.update is not None or found else "plain"
     # a run without an update has little more to show: nothing of it is folded
     return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run),
                    headline=_headline(run, found), level=level, shown=shown if run.update is not None else len(items))

@@ -36,7 +36,7 @@ from probupdate.updating.update_file import (
     SchemeRecord,
     UpdateRecord,
     fit_sentence,
-    proves_nothing,
+    is_unproven,
     stated_error_words,
 )
 
@@ -78,7 +78,7 @@ def too_close(update: UpdateRecord) -> bool:
 
 
 def fit_level(update: UpdateRecord) -> str:
-    return "warning" if proves_nothing(update) else "caution" if too_close(update) else "good"
+    return "warning" if is_unproven(update) else "caution" if too_close(update) else "good"
 
 
 def update_section(run: Run) -> Section:

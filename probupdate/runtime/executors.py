@@ -242,7 +242,7 @@ class _Processes(Executor):
         if pool is None:
             return
         if at_once:
-            _terminate_others_than(self._others)
+            _terminate_all_but(self._others)
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -400,14 +400,14 @@ def _import_all(modules: tuple[str, ...]) -> None:
         import_module(name)
 
 
-def _terminate_others_than(others: set[int | None]) -> None:
+def _terminate_all_but(others: set[int | None]) -> None:
     for child in multiprocessing.active_children():
         if child.pid not in others:
             child.terminate()
 
 
 @contextmanager
-def processes_beside(*tasks: tuple) -> Iterator[list[Future]]:
+def background_process(*tasks: tuple) -> Iterator[list[Future]]:
     """The tasks (function, *arguments) one after the other in a process of their own while the block runs; yields their
     futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
@@ -418,7 +418,7 @@ def processes_beside(*tasks: tuple) -> Iterator[list[Future]]:
         except BaseException as error:
             for future in futures:
                 future.cancel()
-            _terminate_others_than(others)
+            _terminate_all_but(others)
             if isinstance(error, BrokenProcessPool):
                 raise _worker_ended() from None
             raise

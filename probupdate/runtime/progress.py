@@ -16,8 +16,8 @@ def resumed_progress(progress: Progress) -> Progress:
     """The same, for a search that takes up again what it had left: what was done is not said to be undone."""
     most: dict[tuple[str, int], int] = {}
 
-    def risen(what: str, done: int, total: int) -> None:
+    def report_rise(what: str, done: int, total: int) -> None:
         most[what, total] = max(done, most.get((what, total), 0))
         progress(what, most[what, total], total)
 
-    return risen
+    return report_rise

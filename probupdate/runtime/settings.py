@@ -43,18 +43,19 @@ def refuse_other_types(settings: DataclassInstance) -> None:
 def refuse_other_type(name: str, value: object, kind: Any, default: object, effect: str) -> None:
     """Raises InputError where a value is not of a kind: int, float, str, bool, a class, tuples, mappings and unions of
     these. A list serves as a tuple; True is no number."""
-    if not _is_of(value, kind):
+    if not _has_type(value, kind):
         raise InputError(name, f"{value!r} is not {_words(kind)}", f"the default is {default!r}: {effect}")
 
 
-def _is_of(value: object, kind: Any) -> bool:
+def _has_type(value: object, kind: Any) -> bool:
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
-        return any(_is_of(value, part) for part in parts)
+        return any(_has_type(value, part) for part in parts)
     if origin is tuple:
-        return isinstance(value, tuple | list) and all(_is_of(item, parts[0]) for item in value)
+        return isinstance(value, tuple | list) and all(_has_type(item, parts[0]) for item in value)
     if origin is Mapping:
-        return isinstance(value, Mapping) and all(_is_of(k, parts[0]) and _is_of(v, parts[1]) for k, v in value.items())
+        return isinstance(value, Mapping) and all(
+            _has_type(k, parts[0]) and _has_type(v, parts[1]) for k, v in value.items())
     if kind in (int, float):
         return (isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
                 and math.isfinite(value))

@@ -54,7 +54,7 @@ def ways(
 ) -> tuple[Way, ...]:
     """Of sensors at one place, along every line that ends or passes at their node; none of a place where a channel
     reads anything else than its node's motion, and none towards a node that does not move. `beside`: see
-    `nodes_beside`."""
+    `neighbouring_nodes`."""
     if model.wire is None:
         return ()
     place, rows = model.wire.node_m, sparse.csr_array(model.channel_matrix)
@@ -85,7 +85,7 @@ def ways(
     return tuple(result)
 
 
-def with_ways(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensors: Sequence[Sensor]) -> AffineModel:
+def move_channels(model: AffineModel, added: Sequence[tuple[Parameter, Way]], sensors: Sequence[Sensor]) -> AffineModel:
     """The model with a parameter behind its own for each way: how many metres along it its channels are. What is read
     between two nodes is a straight line's, as the model has no other there."""
     n, directions = len(model.parameters), {s.channel: s.direction for s in sensors}
@@ -136,7 +136,7 @@ def _reading_rows(model: AffineModel, node: int, directions: Sequence[np.ndarray
     return sparse.vstack(rows, format="csr")
 
 
-def nodes_beside(model: AffineModel) -> dict[int, list[int]]:
+def neighbouring_nodes(model: AffineModel) -> dict[int, list[int]]:
     """The nodes at the other ends of the lines from each node; none of a model without places."""
     if model.wire is None or model.wire_matrix is None:
         return {}

@@ -139,7 +139,7 @@ class Expansion:
     slopes: dict[int, tuple[np.ndarray, np.ndarray]]
 
     @classmethod
-    def of_both(
+    def from_matrices(
         cls, parameters: Parameters, coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
         both: tuple[ProjectedTerms, ProjectedTerms],
     ) -> tuple[Expansion, Expansion]:

@@ -99,14 +99,14 @@ class PileSprings:
     top_depth_m: tuple[float, ...]
     length_m: tuple[float, ...]
 
-    def buried_from(self, scour):
+    def exposed_share(self, scour):
         """(..., n_element): xi of the present seabed in each element, 0 fully buried, 1 fully exposed."""
         top, length = np.array(self.top_depth_m), np.array(self.length_m)
         return clip_real((np.asarray(scour)[..., None] - top) / length, 0.0, 1.0)
 
     def exposed_moments(self, scour):
         """(..., n_element, 7): int xi^m dx over the part above the seabed, m = 0..6."""
-        edge = self.buried_from(scour)[..., None]
+        edge = self.exposed_share(scour)[..., None]
         order = np.arange(1, 8)
         return np.array(self.length_m)[:, None] * edge**order / order
 
@@ -114,7 +114,7 @@ class PileSprings:
         # xi = edge + (1 - edge) s^4: the shaft friction starts like the fourth root of depth, smooth in s
         s, weight = np.polynomial.legendre.leggauss(20)
         s, weight = 0.5 * (s + 1), 0.5 * weight
-        edge = self.buried_from(scour)[..., None]
+        edge = self.exposed_share(scour)[..., None]
         xi = edge + (1 - edge) * s**4
         top, length = np.array(self.top_depth_m)[:, None], np.array(self.length_m)[:, None]
         depth = top + xi * length

@@ -157,14 +157,14 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
         raise InputError(f"{path}: {key}", problem, f"see docs/formats/model.md, a SubDyn file{more}") from None
 
 
-def file_beside(path: Path, name: str, key: str) -> Path:
+def named_file(path: Path, name: str, key: str) -> Path:
     """A file that a TOML names: in its folder or below."""
     return resolve_path(name, path.resolve().parent, f"{path}: {key}")
 
 
 def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:
     """The SubDyn file of a TOML with the tower it describes, whose groups are called tower and rotor_nacelle."""
-    file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
+    file = read_subdyn(named_file(path, description.subdyn.file, "subdyn.file"), path.parent)
     entry, body = description.tower, description.rotor_nacelle
     if entry is None:
         if body is not None:
@@ -177,7 +177,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
     check_material(entry, str(path))
     platform = None
     if entry.elastodyn is not None:
-        read = read_elastodyn(file_beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)
+        read = read_elastodyn(named_file(path, entry.elastodyn, "tower.elastodyn"), path.parent)
         tower, carried, platform = read.tower, read.rotor_nacelle if body is None else body_of(body), read.platform
         file = replace(file, notes=(*file.notes, *_elastodyn_notes(file, entry, read, body is None)))
     else:
@@ -235,7 +235,7 @@ def _looks_deg(description: SubDynDescription, path: Path) -> float:
     entry = description.tower
     if entry is None or entry.elastodyn is None or description.rotor_nacelle is not None:
         return 0.0
-    return read_elastodyn(file_beside(path, entry.elastodyn, "tower.elastodyn"), path.parent).looks_deg
+    return read_elastodyn(named_file(path, entry.elastodyn, "tower.elastodyn"), path.parent).looks_deg
 
 
 def turns_nacelle(path: Path) -> bool:

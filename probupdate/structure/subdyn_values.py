@@ -18,7 +18,7 @@ from probupdate.structure.subdyn_model import (
     SOIL_PARTS,
     ParameterEntry,
     SubDynDescription,
-    file_beside,
+    named_file,
     read_description,
     targets_of,
 )
@@ -43,7 +43,7 @@ def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> t
     file's second line. A line_mass is a raised density, the only word SubDyn has for it, with its rotary inertia."""
     path = Path(path)
     description = read_description(read_toml(path), path)
-    file = read_subdyn(file_beside(path, description.subdyn.file, "subdyn.file"), path.parent)
+    file = read_subdyn(named_file(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = _parameters_in_file(description)
     above = tuple(p.name for p in description.parameter if p not in own)
     targets = targets_of(file, description.model_copy(update={"parameter": own}), path)
@@ -63,7 +63,7 @@ def apply_values(path: Path, values: Mapping[str, float], remark: str = "") -> t
                          dense=factor("density", member.id), wall=factor("thickness", member.id),
                          loss=total("wall_loss", member.id)) for end in (0, 1)]
         carried = total("line_mass", member.id)
-        for end, values in enumerate(_with_carried(member.kind, ends, carried) if carried else ends):
+        for end, values in enumerate(_with_carried_mass(member.kind, ends, carried) if carried else ends):
             edit.set_of(member, end, values)
     for reaction in file.reactions:
         if reaction.ssi is None or all(reaction.fixed):
@@ -92,7 +92,7 @@ def _section(kind: str, old: tuple[float, ...], *, stiff: float, dense: float, w
     return tuple(v * stiff for v in old)
 
 
-def _with_carried(kind: str, ends: list[tuple[float, ...]], per_metre: float) -> list[tuple[float, ...]]:
+def _with_carried_mass(kind: str, ends: list[tuple[float, ...]], per_metre: float) -> list[tuple[float, ...]]:
     """Both ends of a beam with the density raised by a mass per metre."""
     middle = tuple(0.5 * (a + b) for a, b in zip(*ends, strict=True))
     # Simpson's rule: exact, as sizes change linearly between the ends and areas with their squares

@@ -78,7 +78,7 @@ COLUMNS = {
 }
 
 
-class NoWord(Exception):
+class NoSubDynKeyword(Exception):
     """SubDyn's file has no word for something of the structure."""
 
 
@@ -120,7 +120,7 @@ class _Tables:
 def subdyn_file_of(frame: Frame, values: Values, above: np.ndarray, foot: int, *, theory: str,
                    title: str) -> SubDynFile:
     """The file of a frame at parameter values (all by name), but of the nodes `above` (n_node,); `foot` is its
-    interface joint. Raises NoWord where the structure is more than SubDyn can be given."""
+    interface joint. Raises NoSubDynKeyword where the structure is more than SubDyn can be given."""
     frame, t = structure_alone(frame), _Tables()
     inner = _piles(frame, values, theory, t)
     kept = [k for k in np.flatnonzero(~above) if k not in inner]
@@ -155,7 +155,7 @@ def _refuse_unspeakable(beams: Sequence[Beam], values: Values) -> None:
         odd |= {name for c in (b.axial, b.bending) if c.value(values) != 1 for f in c.factors for name in f.names}
         odd |= {name for name in (*b.shear, *((*b.hinge.bending, *b.hinge.slip) if b.hinge else ())) if values[name]}
     if odd:
-        raise NoWord(f"SubDyn has no word for what {', '.join(sorted(odd))} change")
+        raise NoSubDynKeyword(f"SubDyn has no word for what {', '.join(sorted(odd))} change")
 
 
 # piles ---------------------------------------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ def _piles(frame: Frame, values: Values, theory: str, t: _Tables) -> set[int]:
     for nodes in _chains(soil):
         heads = [node for node in nodes if node not in gone]
         if len(heads) != 1:
-            raise NoWord(f"a pile is joined to the structure at {len(heads)} places")
+            raise NoSubDynKeyword(f"a pile is joined to the structure at {len(heads)} places")
         own = np.array([heads[0], *(node for node in nodes if node in gone)])
         rows = column[(6 * own[:, None] + np.arange(6)).ravel()]
         stiffness, mass = (X[rows][:, rows].toarray() for X in (K, M))
@@ -233,7 +233,7 @@ def _add_tie(frame: Frame, values: Values, t: _Tables, tie: Tie, name: str, stif
         master = beside
     way = np.asarray(tie.released)
     if not np.allclose(way @ way.T, np.eye(len(way))):
-        raise NoWord("a connection gives way along directions that are not at right angles")
+        raise NoSubDynKeyword("a connection gives way along directions that are not at right angles")
     rigid = RIGID * np.diag([stiffest[0]] * 3 + [stiffest[1]] * 3)
     held = np.eye(6) - way.T @ way
     stiffness = [float(c.value(values)) for c in tie.stiffness]

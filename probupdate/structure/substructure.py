@@ -55,14 +55,14 @@ def subdyn_substructure(frame: SubDynFrame, stiffness, mass, reference_m=None) -
         joint_motion=sparse.csr_array(frame.reduction[np.maximum(own, 0).ravel()]), there=own >= 0)
 
 
-class NothingBelow(Exception):
+class NoSubstructure(Exception):
     """A tower that stands on the ground, or on several places."""
 
 
 def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[[Mapping[str, float]], Substructure]:
     """Of a turbine, as a function of the values of `updated` parameters: everything but the tower above its foot, with
     the soil, the water's added mass and the member forces that the whole turbine's weight makes. The foot's flange is
-    in it. `joints` count the nodes of the mesh from one. Raises NothingBelow where the tower stands on no structure."""
+    in it. `joints` count the nodes of the mesh from one. Raises NoSubstructure where there is none."""
     frame, where = build_frame(d), d.name
     above, foot = split(frame, where)
     below = np.flatnonzero(~above)
@@ -110,12 +110,12 @@ def with_tower(
 
 
 def split(frame: Frame, where: str) -> tuple[np.ndarray, int]:
-    """(n_node,) which nodes are above the tower's foot, and the foot. Raises NothingBelow."""
+    """(n_node,) which nodes are above the tower's foot, and the foot. Raises NoSubstructure."""
     tower = {node for beam in frame.beams if beam.group == TOWER for node in (beam.start, beam.end)}
     others = {node for beam in frame.beams if beam.group != TOWER for node in (beam.start, beam.end)}
     foot = sorted(tower & others)
     if len(foot) != 1:
-        raise NothingBelow(f"{where} has no structure below its tower" if not foot else
+        raise NoSubstructure(f"{where} has no structure below its tower" if not foot else
                            f"{where} meets its tower at several places")
     above = np.isin(np.arange(len(frame.node_m)), sorted(tower - set(foot)))
     for tie in frame.ties:

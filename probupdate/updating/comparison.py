@@ -28,7 +28,7 @@ from probupdate.updating.identifiability import (
 )
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.settings import CONSTANTS
-from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, gaussian_kinds, proves_nothing
+from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, gaussian_kinds, is_unproven
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -179,7 +179,7 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=proves_nothing(update),
+    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=is_unproven(update),
                                  description=parameter.description)
     if contraction < STRONG and identified == PARTLY:
         flags.append("its narrow interval rests on the stated standard deviations, which this fit does not confirm")

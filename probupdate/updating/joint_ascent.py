@@ -102,7 +102,7 @@ class FarmAscent:
         system, turn = FarmSystem.assemble(inners, layout, error.kind, error.form).keep_informed(
             self.scales.hyper, self.scales.learnt)
         if self.wide is not None:
-            system = system.with_wide(self.wide)
+            system = system.with_odd_scale(self.wide)
         x = np.zeros(self.scales.n_x(system)) if x is None else x
         full = linalg.block_diag(np.eye(1 + len(error.middle)), turn)
         laplace = Laplace(system=system, scales=self.scales, middle=error.middle, shared=self.shared,
@@ -117,7 +117,7 @@ class FarmAscent:
         while self.rounds < most and held < MOST:
             if place.gain < least:
                 return place, True
-            x = place.laplace.scales_beside(place, held) if held and self.learnt else place.next_x
+            x = place.laplace.best_scales(place, held) if held and self.learnt else place.next_x
             u, z = place.laplace.step(x, place.u, place.z, held)
             fresh, hoped = self.evaluate(u, z, x), place.laplace.value(x, u, z) - place.value
             # a step so short that nothing is hoped for is as good as none
@@ -161,7 +161,7 @@ class Laplace:
         step = -np.linalg.solve(arrow.precision + held * arrow.distance, arrow.precision @ off)
         return u + arrow.move_turbines(step), z + step[: self.system.n_z]
 
-    def scales_beside(self, place: Place, held: float) -> np.ndarray:
+    def best_scales(self, place: Place, held: float) -> np.ndarray:
         """x (n_x,) of the largest F where u is held."""
         n = len(place.x)
         inside = self.scales.bounds(n) + np.array([0.01, -0.01])

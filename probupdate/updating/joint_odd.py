@@ -62,7 +62,7 @@ def odd_turbines(
     system: FarmSystem, scales: Scales, wide: np.ndarray, *, share: float = SHARE, seed: int = 1
 ) -> OddTurbines:
     """wide (n_z,): standard deviation of an odd turbine's shift in u; share: of turbines that are odd a priori."""
-    system = system.with_wide(np.zeros_like(system.wide))
+    system = system.with_odd_scale(np.zeros_like(system.wide))
     n, n_z = len(system.products), system.n_z
     counts = _start_values(system, scales)
     found, mixtures = _nobody(n, n_z), []

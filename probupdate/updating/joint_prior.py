@@ -82,13 +82,13 @@ class NormalScores:
 
     def back(self, u: np.ndarray) -> np.ndarray:
         """theta, within its bounds but for priors that correlate."""
-        x, (place, scale) = self._cut(np.asarray(u, float)), self._size
+        x, (place, scale) = self._untruncated(np.asarray(u, float)), self._size
         value = place + scale * x
         value = np.where(self.lognormal, np.exp(np.where(self.lognormal, value, 0.0)), value)
         return value if self.parameters.correlation is not None else np.clip(
             value, self.parameters.lower, self.parameters.upper)
 
-    def _cut(self, u: np.ndarray) -> np.ndarray:
+    def _untruncated(self, u: np.ndarray) -> np.ndarray:
         """Of the Gaussian before it was cut, from the end that is nearer."""
         low, high = self._ends
         ln_mass = np.log(_normal_mass(low, high))

@@ -158,7 +158,7 @@ class FarmSystem:
                    wide=frozen_array(np.zeros((len(inners), n_z))), kind=np.zeros(n_e, int) if kind is None else kind,
                    form=np.zeros(n_e) if form is None else form)
 
-    def with_wide(self, wide: np.ndarray) -> FarmSystem:
+    def with_odd_scale(self, wide: np.ndarray) -> FarmSystem:
         return replace(self, wide=frozen_array(wide))
 
     def chosen(self, keep: Sequence[int] | np.ndarray) -> FarmSystem:

@@ -103,7 +103,7 @@ def outlier_sets(data: ModalData) -> OutlierSets:
     # of the frequency and of the shape of each mode
     ratio, off, mac = np.full((2, n_set, n_mode), -np.inf), np.zeros((n_set, n_mode)), np.ones((n_set, n_mode))
     probability = np.zeros(n_set)
-    counts = is_near_median(ln, stated) & shapes.near_the_median()
+    counts = is_near_median(ln, stated) & shapes.median_sets()
     for _ in range(PASSES if n_set >= FEWEST else 0):
         for s, j in np.ndindex(n_set, n_mode):
             others = (np.arange(n_set) != s) & counts

@@ -70,7 +70,7 @@ class ShapeTable:
         own = self.shape[sets][:, :, j]
         return own - own @ basis.conj() @ basis.T
 
-    def near_the_median(self) -> np.ndarray:
+    def median_sets(self) -> np.ndarray:
         """Sets (n_set,) to begin with."""
         alike = np.ones(len(self.shape), bool)
         for j in range(self.shape.shape[2]):

@@ -139,7 +139,7 @@ def _responses(problem: Problem, begin, response, u, singular, slope) -> tuple[R
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LeftOut:
+class LeaveOneOut:
     """ln p(data of a set | all other sets) (n_set,), by name of the view; pareto_k (n_set,) of the population's
     importance weights, refitted (n_set,) where they fail."""
 

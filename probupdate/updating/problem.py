@@ -282,7 +282,7 @@ class Problem:
         computed, criterion = self._assign(solved.frequency_hz, solved.shape)
         frequency, parts = np.empty(computed.shape), []
         mac, start = np.empty(computed.shape), 0
-        members = self._with_mates(computed, solved.frequency_hz, solved.shape)
+        members = self._add_neighbours(computed, solved.frequency_hz, solved.shape)
         for group, columns in zip(self.groups, members, strict=True):
             k = group.size
             own = np.take_along_axis(solved.frequency_hz, columns, axis=1)
@@ -314,7 +314,7 @@ class Problem:
                     np.ones((len(shape), self.n_frequency, shape.shape[2])))
         return paired_modes(self.groups, frequency_hz, shape, self.matching.least_motion)
 
-    def _with_mates(self, computed: np.ndarray, frequency_hz: np.ndarray, shape: np.ndarray) -> list[np.ndarray]:
+    def _add_neighbours(self, computed: np.ndarray, frequency_hz: np.ndarray, shape: np.ndarray) -> list[np.ndarray]:
         """The computed modes of each group, (n, size + n_mates): those assigned to it, (n, n_used) of all, and of one
         of a pair its mate. frequency_hz (n, n_mode), shape (n, n_channel, n_mode)."""
         taken, found, start = computed, [], 0
@@ -355,7 +355,7 @@ class Problem:
     def _clusters(self, solution: ModalSolution) -> tuple[tuple[int, ...], ...]:
         """The computed modes of each group."""
         computed, _ = self._assign(solution.frequency_hz[None], solution.shape[None])
-        members = self._with_mates(computed, solution.frequency_hz[None], solution.shape[None])
+        members = self._add_neighbours(computed, solution.frequency_hz[None], solution.shape[None])
         return tuple(tuple(int(i) for i in own[0]) for own in members)
 
     def _rotations(self, clusters: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:

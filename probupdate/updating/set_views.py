@@ -22,7 +22,7 @@ from probupdate.updating.importance import GOOD_K, Mixture
 from probupdate.updating.laplace import Laplace, prior_residual, start_of_sets
 from probupdate.updating.outlier_sets import without_outliers
 from probupdate.updating.predictive import (
-    LeftOut,
+    LeaveOneOut,
     bits_gained,
     population_left_out,
     population_score,
@@ -192,7 +192,7 @@ def view_sets(
     centres = np.array([_hold_inside_bounds(x.theta, parameters, coordinates) for x in maxima])
     shared = shared_error(problems, centres, coordinates)
     scales = learn_scales(shared, prior, tau)
-    noise = shared.conditioned_on(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
+    noise = shared.conditional_problems(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
     first = sample_population(linearise(noise, centres, coordinates), parameters, coordinates, target_ess=FIRST_ESS,
                               r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
@@ -200,12 +200,12 @@ def view_sets(
     centres = np.array([_hold_inside_bounds(x, parameters, coordinates) for x in coordinates.back(middle)])
     shared = shared_error(problems, centres, coordinates)
     expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
-    likelihoods = linearise(noise := shared.conditioned_on(expected, scales.new), centres, coordinates)
+    likelihoods = linearise(noise := shared.conditional_problems(expected, scales.new), centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
     at_one = Common.from_error(_linearise_at_one(shared, scales, parameters, coordinates, prior), prior)
     sampled = (parameters, coordinates, prior, rng)
-    alone = [joint_posterior(each, *sampled, n_draw=N_ALONE) for each in at_one.of_each(shared)]
-    joint = joint_posterior(at_one.of_all(), *sampled)
+    alone = [joint_posterior(each, *sampled, n_draw=N_ALONE) for each in at_one.each_set_density(shared)]
+    joint = joint_posterior(at_one.all_sets_density(), *sampled)
     lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
     scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
     share = _effective_shares(noise, likelihoods, population, coordinates, parameters, rng)
@@ -287,7 +287,7 @@ class Common:
         scales = learn_scales(error, prior)
         return cls(error, scales, error.each(scales.new))
 
-    def of_each(self, error: SharedError) -> list[AveragedDensity]:
+    def each_set_density(self, error: SharedError) -> list[AveragedDensity]:
         """Of every set by itself, about its place in `error`."""
         each = replace(self, error=error, each=error.each(self.scales.new))
         return [each.of_sets([j]) for j in range(len(self.each))]
@@ -296,7 +296,7 @@ class Common:
         """At one scale of what is new, that all sets together have shown."""
         return self.error.likelihoods(total([self.each[k] for k in keep]), self.scales.shared)
 
-    def of_all(self) -> AveragedDensity:
+    def all_sets_density(self) -> AveragedDensity:
         """Averaged over the scales of what is new too."""
         by_new: dict[tuple[float, float], list] = {}
         for scales in self.scales.nodes:
@@ -310,7 +310,7 @@ def gaussian_prior(parameters: Parameters, coordinates: Coordinates) -> Gaussian
     return drawn.mean(axis=0), np.linalg.inv(np.atleast_2d(np.cov(drawn.T)))
 
 
-def _cross_validate(likelihoods, common: Common, population: Population, lent, alone, sampled, options) -> LeftOut:
+def _cross_validate(likelihoods, common: Common, population: Population, lent, alone, sampled, options) -> LeaveOneOut:
     n, (parameters, coordinates, _, _) = len(likelihoods.ids), sampled
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)
@@ -327,7 +327,7 @@ def _cross_validate(likelihoods, common: Common, population: Population, lent, a
     taken = [p.noise_alone(common.scales.new).taken_by_alignment - p.taken_by_alignment
              for p in common.error.problems]
     score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many - lent + np.array(taken)}
-    return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
+    return LeaveOneOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
                    pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))
 
 

@@ -12,7 +12,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import read_json_table, write_json
 from probupdate.io.json_rows import from_table, row_of
 from probupdate.io.result_table import OWN_UNIT, table_of
-from probupdate.updating.predictive import LeftOut
+from probupdate.updating.predictive import LeaveOneOut
 from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class SetViews:
     ids: tuple[str, ...]
     rows: tuple[SetsRow, ...]
     modes: tuple[ModeScatter, ...]
-    scores: LeftOut
+    scores: LeaveOneOut
     converged: bool
     verdict: str
     linear_share: np.ndarray
@@ -132,7 +132,7 @@ def parameter_sentence(row: dict) -> str:
     return f"{name} varies between sets by a {of} of {mid} ({low} to {high})"
 
 
-def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> str:
+def advice(rows: list[SetsRow], scores: LeaveOneOut, linear_share: np.ndarray) -> str:
     """Which view for what, with what the scores say of it; (d) is not recommended where its linearised sets do not
     stand for the full model."""
     gain, error = scores.difference(MANY, ONE)

@@ -262,7 +262,7 @@ class SharedError:
                 for one in each]
         return gap(whole) - np.array([gap(one) for one in rest])
 
-    def conditioned_on(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
+    def conditional_problems(self, expected: np.ndarray, new: tuple[float, float]) -> list[Problem]:
         """Each set with what is new in it alone, and what is common (n_common,) taken as known."""
         found = []
         for problem, B in zip(self.problems, self.effect, strict=True):

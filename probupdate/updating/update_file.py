@@ -263,7 +263,7 @@ def _information(record: UpdateRecord) -> list[str]:
 def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
     """Parameter -> what the data say of it by the Gaussian approximation at the MAP."""
     width = gaussian_width(record.map_covariance, record.parameters)
-    return {p.name: identifiability(w, at_bound=bool(b), unproven=proves_nothing(record), description=p.description)
+    return {p.name: identifiability(w, at_bound=bool(b), unproven=is_unproven(record), description=p.description)
             for p, w, b in zip(record.parameters, width, record.map_at_bound, strict=True)}
 
 
@@ -287,7 +287,7 @@ def is_uninformative(record: UpdateRecord) -> bool:
     return _usual_cov(record) >= BLUNT
 
 
-def proves_nothing(record: UpdateRecord) -> bool:
+def is_unproven(record: UpdateRecord) -> bool:
     """Whether the fit at the maximum says nothing for the parameters."""
     return misses(record) or is_uninformative(record)
 
@@ -338,7 +338,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
             f"{remedy}{_common_factor_words(record)}")
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
-    apart = standing_out(record)
+    apart = conspicuous_frequencies(record)
     # many components of shapes that fit hide no frequency that does not
     if not apart and record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
         closer = (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
@@ -364,7 +364,7 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
             "widths leave it out unless it is stated (--discrepancy and a share)")
 
 
-def standing_out(record: UpdateRecord) -> str:
+def conspicuous_frequencies(record: UpdateRecord) -> str:
     """The frequencies that the model misses by more than their measurement's own standard deviations or a share of
     themselves allow, and shapes and frequencies whose chi-square stands out; empty where none does."""
     found = []

@@ -23,7 +23,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.joint_set import joint_set
 from probupdate.verbs.identifying import TOO_FEW, implausible_places, reference_at, sensors_of, ssi_settings
 from probupdate.verbs.models import GivenModel, ModelAt, has_geometry
-from probupdate.verbs.sought import Sought
+from probupdate.verbs.sought import SoughtModes
 
 # blocks that are identified at most, evenly spread; share of them that has a mode whose shape is judged
 MOST_BLOCKS, PERSISTENT = 24, 0.5
@@ -36,7 +36,7 @@ SEARCH = 10
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AgainstModel:
+class ModelFinding:
     """finding: what is wrong with channels, '' for nothing; use: what was compared, in a sentence."""
 
     finding: str
@@ -52,14 +52,14 @@ def check(
     of the channels, by the shapes of some blocks."""
     opened = read_campaign(campaign)
     if model is None:
-        return check_campaign(opened, progress=progress).with_more("; ".join(implausible_places(opened.sensors)))
+        return check_campaign(opened, progress=progress).with_finding("; ".join(implausible_places(opened.sensors)))
     held = check_against_model(opened, model, parameters=parameters, progress=progress)
-    return check_campaign(opened, progress=progress).with_more(held.finding, held.use)
+    return check_campaign(opened, progress=progress).with_finding(held.finding, held.use)
 
 
 def check_against_model(
     campaign: Campaign, model: GivenModel, *, parameters: str | Path | None = None, progress: Progress = silent
-) -> AgainstModel:
+) -> ModelFinding:
     """Some blocks are identified without standard deviations, their shapes taken together, and each block asked again.
     Raises InputError where the model has not the campaign's channels."""
     sought = reference_at([campaign], model, where=campaign.path, parameters=parameters)
@@ -74,14 +74,14 @@ def check_against_model(
 
 
 def _shapes_against(
-    campaign: Campaign, model: GivenModel, parameters: str | Path | None, sought: Sought, chosen: SSISettings,
+    campaign: Campaign, model: GivenModel, parameters: str | Path | None, sought: SoughtModes, chosen: SSISettings,
     progress: Progress,
-) -> AgainstModel:
+) -> ModelFinding:
     try:
         found = identify(_first_blocks(campaign), sought.modes, others=sought.others,
                          settings=replace(chosen, sub_records=0), progress=progress)
     except InputError as error:
-        return AgainstModel(
+        return ModelFinding(
             finding="", use=f"not compared with the model, as no modes were identified: {error.problem}")
     data = _persistent(found.data)
     joint = joint_set(data)
@@ -101,20 +101,20 @@ def _shapes_against(
         opposite = [c for c, r, share in zip(data.channels, signed_comac(one, shape), each.mean(axis=0), strict=True)
                     if r < -OPPOSITE and share >= OPPOSITE]
         if 0 < len(opposite) <= len(data.channels) // 3:
-            return AgainstModel(use=use, finding=(
+            return ModelFinding(use=use, finding=(
                 f"against the model: {', '.join(opposite)} moves the other way than the model's modes, in "
                 f"{int(round(each[:, data.channels.index(opposite[0])].sum()))} of {len(blocks)} blocks; "
                 + _reversed_remedy(opposite[0])))
     if 1 - agreement <= FAR_LOSS:
-        return AgainstModel(finding="", use=use)
+        return ModelFinding(finding="", use=use)
     if likely is None:
-        return AgainstModel(use=use, finding=(
+        return ModelFinding(use=use, finding=(
             f"shapes are not the model's (mean MAC {agreement:.2f} of {n_mode} modes), and no reversal or exchange of "
             "channels explains it: check that the model is of this structure, its sensors' places and directions, or "
             "ask `probupdate diagnose`"))
     alike = [channel_mistake(s, data.channels, [shape]) for s in blocks]
     votes = sum(a is not None and likely.candidates[0] in a.candidates for a in alike)
-    return AgainstModel(use=use, finding=(f"against the model: {likely.sentence}; {votes} of {len(joint.ids)} blocks "
+    return ModelFinding(use=use, finding=(f"against the model: {likely.sentence}; {votes} of {len(joint.ids)} blocks "
                                           f"show it by themselves; {_remedy(likely)}"))
 
 

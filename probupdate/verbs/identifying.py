@@ -49,7 +49,7 @@ from probupdate.verbs.models import (
     refuse_other_value,
 )
 from probupdate.verbs.records import setup_names
-from probupdate.verbs.sought import Sought, reference_modes
+from probupdate.verbs.sought import SoughtModes, reference_modes
 
 # what the steps below are given where nothing is stated
 GIVEN = IdentificationSettings()
@@ -238,7 +238,7 @@ def sensors_of(campaigns: Sequence[Campaign]) -> tuple[Sensor, ...]:
 def reference_at(
     campaigns: Sequence[Campaign], model: GivenModel | None, *, where: str | Path,
     parameters: str | Path | None = None, lowest: int | None = None,
-) -> Sought:
+) -> SoughtModes:
     """The model's modes that are looked for, at all sensors, and its others; none without a model. Raises InputError
     where the model has not all channels; `where`: the campaign's path."""
     sensors = sensors_of(campaigns)
@@ -246,7 +246,7 @@ def reference_at(
         if lowest is not None:
             raise InputError("lowest", f"asks for {lowest} modes of a model, and no model is given",
                              "give --model, or leave it out")
-        return Sought(modes=None, others=None, notes=implausible_places(sensors))
+        return SoughtModes(modes=None, others=None, notes=implausible_places(sensors))
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     turbine = reading(turbine, {s.channel: bool(s.gravity) for s in sensors})
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]

@@ -143,7 +143,7 @@ class ModelAt:
 
     def setting(self, modal_set: ModalSet, channels: Sequence[str]) -> dict[str, str]:
         """What to say of it beside a result."""
-        said = {"gravity": gravity_said(self(modal_set), channels, self.felt, modal_set)}
+        said = {"gravity": gravity_note(self(modal_set), channels, self.felt, modal_set)}
         if self.fix:
             said["held"] = ", ".join(f"{name} at {value:g}" for name, value in self.fix.items())
         if self.alternatives:
@@ -156,7 +156,7 @@ class ModelAt:
                        else f"{angle:g} deg counter-clockwise of the model's x axis"}
 
 
-def gravity_said(model: Model, channels: Sequence[str], felt: Mapping[str, bool], modal_set: ModalSet) -> str:
+def gravity_note(model: Model, channels: Sequence[str], felt: Mapping[str, bool], modal_set: ModalSet) -> str:
     """What is taken of gravity in the readings of these channels."""
     drawn = model.wireframe(model.parameters.initial)
     height = 0.0 if drawn is None else float(np.ptp(drawn.node_m[:, 2]))

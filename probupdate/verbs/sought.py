@@ -38,7 +38,7 @@ LOCAL = 0.03
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Sought:
+class SoughtModes:
     """The modes that identification looks for (None: without a model), the others that were computed to find them
     (None: no other moves the sensors), and what is to be said of what the sensors see. computed_hz: frequencies of all
     that were computed; None of a turbine, of which the bending pairs and the torsion are enough."""
@@ -67,7 +67,7 @@ class Sought:
 
 def reference_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, ...] = TURBINE
-) -> Sought:
+) -> SoughtModes:
     """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
     whatever they are. Raises InputError where the model has fewer than `lowest`, or no global mode at the sensors."""
     if lowest is not None and lowest > model.n_available:
@@ -90,7 +90,7 @@ def reference_modes(
             "lowest modes to look for (--lowest)",
         )
     rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and not hidden[i]]
-    return Sought(
+    return SoughtModes(
         modes=_reference_modes(solution.frequency_hz, shape, labels, chosen),
         others=_reference_modes(solution.frequency_hz, shape, labels, rest) if rest else None,
         computed_hz=None if families == TURBINE else solution.frequency_hz,

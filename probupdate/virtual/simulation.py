@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.io.files import holds_nothing, read_text, write_table, write_text
+from probupdate.io.files import is_empty_folder, read_text, write_table, write_text
 from probupdate.io.result_table import table_of
 from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import Sensor
@@ -240,7 +240,7 @@ def _claim(folder: Path, truth_text: str) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(str(folder), "is a file", "name a folder")
     same = path.is_file() and read_text(path) == truth_text
-    if not same and not holds_nothing(folder):
+    if not same and not is_empty_folder(folder):
         raise InputError(str(folder), "already holds something else", "name a new folder or empty this one")
     write_text(path, truth_text)
     (folder / "acceleration").mkdir(exist_ok=True)

@@ -139,7 +139,7 @@ def one_farm(n: int, seed: int, curved: bool) -> dict:
             farm = farm.shifted(i, k, float(rng.choice([-1, 1]) * rng.uniform(1, 2) * limit[i, k]))
     system = farm.system()
     found = odd_turbines(system, SCALES, WIDTH, seed=seed)
-    system = system.with_wide(found.outlier_scale(WIDTH))
+    system = system.with_odd_scale(found.outlier_scale(WIDTH))
     chain = sample_scales(SCALES, system, SCALES.maximum(system), seed=seed)
     drawn = draw_linear(system, SCALES, chain, seed=seed, n=1000)
     draws = JointDraws(z=drawn.z, e=drawn.e, tau=drawn.tau, u=drawn.d, log_weight=np.zeros(1000))

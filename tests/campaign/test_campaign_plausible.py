@@ -140,7 +140,7 @@ def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_
     (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n"
                                         "2019-06-03T10:00Z,1,1,1,1\n")
     found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
-    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it); it is needed for: turbine states") for f in found)
+    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it); it is needed for") for f in found)
 
 
 SPOILT = {
@@ -177,7 +177,7 @@ def test_numbers_that_no_turbine_has_are_missing_and_said(tmp_path, value):
 def test_kelvin_are_no_degrees_celsius(tmp_path):
     rows = "".join(f"2020-01-01T00:{minute}0Z,{value}\n" for minute, value in enumerate(("", 281.3, 282.0)))
     (tmp_path / "scada.csv").write_text("time,air_temperature_c\n" + rows)
-    with pytest.raises(InputError, match=r"scada\.csv, air_temperature_c: 281.6 .* kelvin.*; give degrees Celsius"):
+    with pytest.raises(InputError, match=r"scada\.csv, air_temperature_c: a median of 281.6 .* convert it from kelvin"):
         read_scada(tmp_path / "scada.csv")
 
 

@@ -179,7 +179,7 @@ def test_masses_on_springs_are_not_estimated_all_at_once(frame):
     """A hundred of them bring more modes than the mean's are taken of: an unknown cause on a jacket had ended there."""
     rows = elementary(frame.small, str, heights=5)
     hung = [part for part in rows if part[0].cause == PART_CAUSES[3]][:100]
-    wider = free_form_module.prepared_with(frame, [part for part in rows if part[0].cause == PART_CAUSES[0]] + hung)
+    wider = free_form_module.model_with_parts(frame, [part for part in rows if part[0].cause == PART_CAUSES[0]] + hung)
     problem, theta = diagnosis_problem(wider, record(5, spring=3e5))
     step = min((number for number, profile in enumerate(problem.time_profiles) if profile.kind == "step"),
                key=lambda number: abs(problem.time_profiles[number].at - 20))

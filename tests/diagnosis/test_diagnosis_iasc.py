@@ -241,12 +241,12 @@ def test_modes_of_either_state_are_those_that_were_measured_in_it(prepared, two_
         evidence.append(log_evidence(problem, fitted))
         row.error([n.size - 1 for n in fitted.included], 0.2, "sizes")
     row.error(np.array(evidence) - max(evidence), 2.0, "ln evidence")
-    states = [problem.predictor_where(included, (value, value)) for value in (0.0, 1.0)]
+    states = [problem.predictor_at_state(included, (value, value)) for value in (0.0, 1.0)]
     fallen = states[1].log_frequency[3] - states[0].log_frequency[3]
     assert fallen < np.log(0.65) and problem.predictor not in states
     # what moves nothing far has the pairing of the whole record
     sound, _ = diagnosis_problem(prepared(case), cases.record(case, cases.PATTERNS[0], 47, time_profile="step"))
-    assert sound.predictor_where(included, (1.0, 1.0)) is sound.predictor
+    assert sound.predictor_at_state(included, (1.0, 1.0)) is sound.predictor
 
 
 def test_a_group_loses_a_share_of_what_its_members_have(two_storeys, validation):

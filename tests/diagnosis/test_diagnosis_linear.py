@@ -14,7 +14,7 @@ from probupdate.diagnosis.fitting import driver_profiles
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.results import Diagnosis, Finding
-from probupdate.diagnosis.search import model_error_dispersion, scores_beside
+from probupdate.diagnosis.search import conditional_scores, model_error_dispersion
 from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
@@ -255,7 +255,7 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
                              exact=kind == "step")
     profiles = (own, *driver_profiles(problem, strong))
     assert len(profiles) == (1 if kind == "step" else 2)
-    u, v = scores_beside(problem, design, y, [strong], [z])
+    u, v = conditional_scores(problem, design, y, [strong], [z])
     alongs = [replace(design, time_profiles=(*design.time_profiles, profile),
                       which=np.array([(j, 3) for j in range(N_EFFECT)])) for profile in profiles]
     X, V, stacked = dense(design)
@@ -271,11 +271,11 @@ def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_prof
         row.error(u[k] / (solved @ flat) - 1, 1e-7, "scores")
         row.error(v[k] / (solved @ X[:, k]) - 1, 1e-7, "information")
     if kind == "step":
-        _, there = scores_beside(problem, alongs[0], y, [strong], [z])
+        _, there = conditional_scores(problem, alongs[0], y, [strong], [z])
         row.error(there * model_error_dispersion(z) / alongs[0].information - 1, 1e-9,
                   "information along its own profile")
     sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), time_profile=own)
-    np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)
+    np.testing.assert_array_equal(conditional_scores(problem, design, y, [sensor], [z])[1], design.information)
 
 
 # two thresholds: of the first search, and of those beside findings ---------------------------------------------------

@@ -196,7 +196,7 @@ def test_the_lowest_modes_that_most_blocks_show_are_proposed():
     """A bridge's V1 and A1 were asked for; the sensors do not move in the model's third mode, at 3 Hz."""
     wanted = ReferenceModes(labels=("V1", "A1"), frequency_hz=[1.0, 5.0], shape=np.eye(4)[:, :2])
     others = ReferenceModes(labels=("L1", "T1", "V2"), frequency_hz=[2.0, 4.0, 6.0], shape=np.eye(4)[:, 1:])
-    asked = sought.Sought(modes=wanted, others=others, computed_hz=np.arange(1.0, 7.0))
+    asked = sought.SoughtModes(modes=wanted, others=others, computed_hz=np.arange(1.0, 7.0))
 
     def found(*modes):
         return [ModeRecord(label=label, match="alike", model_label=own, model_frequency_hz=f, found=n, blocks=36)

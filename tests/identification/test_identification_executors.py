@@ -276,7 +276,7 @@ def test_processes_warn_of_what_the_first_one_does():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="an announcement", category=FutureWarning)
         tasks = (announcing, "an announcement"), (announcing, "a warning")
-        with executors.processes_beside(*tasks) as (silenced, heard):
+        with executors.background_process(*tasks) as (silenced, heard):
             assert silenced.result() is None
             with pytest.raises(FutureWarning, match="a warning"):
                 heard.result()

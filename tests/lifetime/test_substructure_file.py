@@ -11,8 +11,8 @@ from probupdate.lifetime.substructure_file import differences, write_substructur
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import reference_model
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_writing import NoWord
-from probupdate.structure.substructure import NothingBelow
+from probupdate.structure.subdyn_writing import NoSubDynKeyword
+from probupdate.structure.substructure import NoSubstructure
 from probupdate.verbs.templates import template
 
 GROUT = {"thickness_m": 0.1, "youngs_modulus_pa": 5e10, "poisson_ratio": 0.19, "density_kgpm3": 2400.0}
@@ -73,7 +73,7 @@ def test_what_subdyn_has_no_word_for_is_named(tmp_path):
     raw = templated("monopile", tmp_path)
     raw["parameter"].append({"name": "soft", "kind": "hinge", "on": {"group": "pile"}, "at_m": -10.0, "initial": 1e-3,
                              "unit": "rad/(GN m)", "std": 1e-3, "lower": 0.0, "upper": 0.1})
-    with pytest.raises(NoWord, match="soft"):
+    with pytest.raises(NoSubDynKeyword, match="soft"):
         write_substructure(parse_description(raw, "model.toml"), tmp_path, "")
-    with pytest.raises(NothingBelow):
+    with pytest.raises(NoSubstructure):
         write_substructure(parse_description(templated("tower", tmp_path / "tower"), "model.toml"), tmp_path, "")

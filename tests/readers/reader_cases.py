@@ -100,7 +100,7 @@ def information(folder: Path) -> Made:
 
 
 def views(folder: Path) -> Made:
-    from probupdate.updating.predictive import LeftOut
+    from probupdate.updating.predictive import LeaveOneOut
     from probupdate.updating.set_views_file import ModeScatter, SetsRow, SetViews, read_views
 
     row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies",
@@ -109,7 +109,7 @@ def views(folder: Path) -> Made:
     score = {name: np.zeros(3) for name in ("pooled", "population")}
     path = SetViews(
         ids=("a", "b", "c"), rows=(SetsRow(**row),), modes=(ModeScatter(**mode),), converged=True, verdict="converged",
-        scores=LeftOut(ids=("a", "b", "c"), score=score, pareto_k=np.zeros(3), refitted=np.zeros(3, bool)),
+        scores=LeaveOneOut(ids=("a", "b", "c"), score=score, pareto_k=np.zeros(3), refitted=np.zeros(3, bool)),
         linear_share=np.ones(3), correlation=None, notes=("a note",), advice="take (d)", settings={"seed": "1"},
     ).write(folder / "sets.json")
     return [path], lambda: read_views(path).verdict

@@ -15,7 +15,7 @@ from probupdate.updating.posterior_file import read_posterior, write_posterior
 from probupdate.updating.update_file import (
     ComponentsRecord,
     fit_sentence,
-    proves_nothing,
+    is_unproven,
     read_update,
 )
 
@@ -130,7 +130,7 @@ def test_deviations_that_let_any_model_fit_are_no_test_of_it(update):
         assert (f"{100 * cov:.2g} % of the frequencies" in sentence) == (not tested)
         assert ("NOT TESTED" in wide.summary) == (not tested)
         assert ("1.41 times the measured ones" in sentence) == (not tested)
-        assert proves_nothing(wide) == (not tested)
+        assert is_unproven(wide) == (not tested)
     alone = replace(fine, measured_std_hz=0.14 * LINEAR_HZ, map_hz=LINEAR_HZ * np.linspace(0.8, 1.3, len(LINEAR_HZ)))
     assert "times the measured ones" not in fit_sentence(alone)
     # what misses the data by one factor says so too

@@ -200,7 +200,7 @@ def test_one_posterior_of_all_sets_is_the_closed_form(validation):
     _, coordinates, problems = likelihoods_of(frequencies)
     error = shared_error(problems, np.tile(LINEAR_PARAMETERS.initial, (N_SET, 1)), coordinates)
     normal = gaussian_prior(LINEAR_PARAMETERS, coordinates)
-    joint = joint_posterior(Common.from_error(error, normal).of_all(), LINEAR_PARAMETERS, coordinates, normal,
+    joint = joint_posterior(Common.from_error(error, normal).all_sets_density(), LINEAR_PARAMETERS, coordinates, normal,
                             np.random.default_rng(2))
     W, prior = np.diag(1 / (NOISE * LINEAR_HZ) ** 2), np.linalg.inv(LINEAR_PARAMETERS.covariance)
     P = np.linalg.inv(N_SET * SLOPE.T @ W @ SLOPE + prior)

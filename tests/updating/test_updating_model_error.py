@@ -303,7 +303,8 @@ def test_what_all_sets_miss_alike_is_not_averaged_out(validation):
         learnt = estimate_discrepancy(model, data, weights=weights, clusters=single)
         problems = [build_problem(model, data, set_id=s.id, weights=learnt, clusters=single) for s in data.sets]
         error = shared_error(problems, np.tile(model.parameters.initial, (9, 1)), coordinates)
-        found = joint_posterior(Common.from_error(error, prior).of_all(), model.parameters, coordinates, prior, rng)
+        density = Common.from_error(error, prior).all_sets_density()
+        found = joint_posterior(density, model.parameters, coordinates, prior, rng)
         below = found.weight @ (found.theta < theta)
         inside += list((below > 0.05) & (below < 0.95))
     # parameters of one structure go together: forty times one of them
@@ -323,7 +324,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, vali
     shared, none = shared_error(problems, centres, coordinates), Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     normal = parameters.initial, np.diag(parameters.std**-2.0)
     expected = shared.expected(none.new, [none], np.full(3, 1e-9), normal)
-    noise = linearise(shared.conditioned_on(expected, none.new), centres, coordinates)
+    noise = linearise(shared.conditional_problems(expected, none.new), centres, coordinates)
     prior = np.diag(parameters.std**-2.0)
     K = noise.precision.sum(axis=0) + prior
     rng = np.random.default_rng(9)

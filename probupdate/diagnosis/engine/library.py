@@ -28,7 +28,7 @@ class Unknown:
     everything: np.ndarray
 
     @property
-    def of_any(self) -> np.ndarray:
+    def any_unknown(self) -> np.ndarray:
         """Of any: frequencies alone are as probable before as both others."""
         return logsumexp([self.frequencies, self.structure, self.everything], axis=0, b=_SHARES)
 
@@ -66,7 +66,7 @@ def sizes(along: ProfileInformation, signature: np.ndarray) -> tuple[np.ndarray,
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class WeighedEffects:
+class EffectGains:
     """Effects of one size beside nothing: `rows` (n, 2) effect and profile of those with the largest gain, `log`
     (n,) their ln Bayes factors; size and size_std (n_effect, n_profile)."""
 
@@ -79,7 +79,7 @@ class WeighedEffects:
 def weigh(
     along: ProfileInformation, effects: Sequence[Effect], signature: np.ndarray, profiles: Sequence[TimeProfile],
     span: np.ndarray,
-) -> WeighedEffects:
+) -> EffectGains:
     """Effects (signature (n_number, n_effect)) along the profiles of range `span` (n_profile,) that their rows allow.
     """
     size, std = sizes(along, signature)
@@ -94,4 +94,4 @@ def weigh(
         along.log_of_size(signature[:, e], h, size[e, h])
         + min(0.0, log_weight_of_size(effects[e], size[e, h] / span[h], std[e, h] / span[h]))
         for e, h in rows])
-    return WeighedEffects(rows=rows, log=log, size=size, size_std=std)
+    return EffectGains(rows=rows, log=log, size=size, size_std=std)
