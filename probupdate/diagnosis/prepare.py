@@ -100,11 +100,11 @@ def prepare(
         model = model.with_gravity({s.channel: bool(s.gravity) for s in sensors or ()} | felt)
     added = [e for e in effects if e.adds is not None]
     own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
-    if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
+    if of_matrices or is_subdyn(path):
         if added:
             raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} cannot hold",
                              "name parameters that the model has (`parts`), or export it as model.toml")
-        if not of_matrices and is_subdyn(path) and turns_nacelle(path):
+        if not of_matrices and turns_nacelle(path):
             others = [load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle)
                       for angle in TURNS_DEG]
             model = replace(others[0], turned=tuple((one.stiffness, one.mass) for one in others[1:]))

@@ -151,3 +151,24 @@ def test_a_monopile_s_draws_are_models_again(identified, capsys):
     assert any("softening" in line for line in left_out)
     again = probupdate.open_model(run.parent / "life" / "models" / "002" / "model.toml")
     assert again.parameters.names == ("k_t", "k_p", "m_h", "py")
+
+
+def test_a_diagnosis_of_a_tower_on_land_has_a_turbine_s_catalogue(tmp_path, capsys):
+    """Its sensor with a wrong gain is named; it has no pile, whose head other turbines' models derive."""
+    probupdate.template("tower", tmp_path)
+    path, rng = tmp_path / "model.toml", np.random.default_rng(SEED)
+    model = probupdate.open_model(path)
+    found = model.solve(np.array([0.97, 0.7, 55.5e3]), 5)
+    gain = np.where(np.array(model.channels) == "T60-y", 1.1, 1.0)
+    shape, size = found.shape, np.abs(found.shape).max(axis=0)
+    sets = [{"id": f"2024-05-01T0{k}:00:00Z", "damping_ratio": [0.01] * 5,
+             "frequency_hz": (found.frequency_hz * (1 + 1e-3 * rng.standard_normal(5))).tolist(),
+             "frequency_std_hz": (1e-3 * found.frequency_hz).tolist(),
+             "shape_re": (gain[:, None] * shape / size + 2e-3 * rng.standard_normal(shape.shape)).T.tolist(),
+             "shape_std": np.full((5, len(gain)), 2e-3).tolist()} for k in range(10)]
+    (tmp_path / "modes.json").write_text(json.dumps({"channels": list(model.channels), "sets": sets}))
+    assert main(["diagnose", "--model", str(path), "--modes", str(tmp_path / "modes.json"), "--out",
+                 str(tmp_path / "diagnosis.json"), "--no-extend"]) == 0, capsys.readouterr().err
+    diagnosis = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert [(f["cause"], f["location"]) for f in diagnosis["findings"]] == [("sensor gain", "T60-y")]
+    assert "RNA inertia" in {row["cause"] for row in diagnosis["detectable_sizes"]}
