@@ -83,17 +83,13 @@ def _find_lone_samples(size: np.ndarray, rate_hz: float, margin: int) -> np.ndar
     spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
     if spread <= 0:
         return found
-    reach = max(int(rate_hz / 2), margin + 2)
+    reach = max(int(rate_hz / 2), 3)
     with np.errstate(invalid="ignore"):
         candidates = np.flatnonzero(size > SPIKE_STD * spread)
-    padded = np.pad(size, margin + 1)
     # a record full of them is not a record with spikes
-    candidates = candidates[:1000]
-    # most are the crest of a wave, and have a neighbour nearly as large
-    beside = padded[candidates + np.array([[margin], [0], [2 * (margin + 1)]])]
-    with np.errstate(invalid="ignore"):
-        crest = (beside[0] > size[candidates]) | np.any(SPIKE_ALONE * beside[1:] >= size[candidates], axis=0)
-    for k in candidates[~crest]:
+    for k in candidates[:1000]:
+        if k > 0 and size[k - 1] > size[k]:
+            continue
         around = np.concatenate([size[max(k - reach, 0): max(k - margin, 0)], size[k + 1 + margin: k + reach]])
         around = around[np.isfinite(around)]
         found[k] = len(around) > 0 and size[k] > SPIKE_ALONE * around.max()

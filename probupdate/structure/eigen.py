@@ -34,9 +34,6 @@ SOFT, FREE = 1e-10, 1e-8
 # share of the largest 1 / lambda, or of the largest eigenvalue of M, below which there is no mass: rounding alone
 # leaves some 1e-16
 MASSLESS = 1e-14
-# a mode's own factorisation is made this share beside its eigenvalue, where the matrix is singular to rounding: what
-# that makes too large lies along the mode and is taken out, and one solution mostly does (at 1e-6, two)
-SHIFT_SHARE = 1e-12
 # eigenvalues nearer to each other (relative) are equal but for rounding
 EQUAL = 1e-9
 SUPPORTS = ("check supports, bounds and zero stiffness factors; of what was tested hanging free, model the soft "
@@ -339,13 +336,12 @@ def cluster_coupling(value, phi, dK_phi, dM_phi, d_value, clusters):
 def _solve_deflated(K, M, value: float, basis, right):
     """v (n, n_param) of (K - value M) v = right, basis^T M v = 0, or None where it is not found to REFUSED.
 
-    The matrix is factorised a hair beside the eigenvalue, which Newton corrections make good; what the cluster gets by
-    that is taken out. Five times faster than factorising the bordered matrix, whose border fills in.
+    The matrix is factorised as it is, singular to rounding: what that makes too large lies along the cluster, as in
+    inverse iteration, and is taken out. Five times faster than factorising the bordered matrix, whose border fills in.
     """
     matrix = sparse.csc_matrix(K - value * M)
     try:
-        factor = sparse_linalg.splu(sparse.csc_matrix(K - (1 + SHIFT_SHARE) * value * M), diag_pivot_thresh=0.01,
-                                    **SYMMETRIC)
+        factor = sparse_linalg.splu(matrix, diag_pivot_thresh=0.01, **SYMMETRIC)
     except RuntimeError:
         return None
     weighted = M @ basis
