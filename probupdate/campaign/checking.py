@@ -360,8 +360,8 @@ def _scada_findings(campaign: Campaign) -> list[str]:
                      "check year and time zone of both")
     doubled = campaign.scada.attrs.get("contradicted", 0)
     if doubled:
-        found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a "
-                     "clock set back, or local time?")
+        found.append(f"{plural(doubled, 'SCADA row')} with the time of an earlier one and other values; the first was "
+                     "kept: a clock set back, or local time?")
     return found
 
 

@@ -131,7 +131,7 @@ def _without_tilt(prepared: Prepared, data: ModalData) -> list[str]:
     if tilt_length_m(lowest) < SEEN_TILT * (height or 1.0):
         return []
     channels = [c for c in data.channels if c in small.channels]
-    return [f"gravity is {words}" for words in lacking_words(small, channels, data.felt, lowest, height or None)]
+    return [f"gravity: {words}" for words in lacking_words(small, channels, data.felt, lowest, height or None)]
 
 
 def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | None) -> Diagnosis:

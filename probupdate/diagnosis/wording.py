@@ -100,7 +100,7 @@ def size_words(finding: Mapping, content: Mapping) -> str:
     before = value_before_change(finding, content)
     if before is None or size is None:
         return change
-    if before:
+    if before and finding["location"] in _parameters_with_scale(content):
         change = amount(size / abs(before), None if std is None else std / abs(before), "-", SHARES[0])
     per = f" {unit}" if unit not in ("", "-") else ""
     return f"from {before:.3g} to {before + size:.3g}{per} ({change})"
@@ -116,6 +116,12 @@ def value_before_change(finding: Mapping, content: Mapping) -> float | None:
     earlier = [f["size"] for f in content["findings"] if f["cause"] == OWN_PARAMETER and f.get("time_profile") == "step"
                and f["location"] == finding["location"] and f.get("since", "") < finding.get("since", "")]
     return None if value is None or None in earlier else value + sum(earlier)
+
+
+def _parameters_with_scale(content: Mapping) -> set[str]:
+    """Names of those whose change is stated as a share: not of one that is itself a change, with a prior mean of zero.
+    """
+    return {p["name"] for p in content.get("parameters", ()) if p.get("prior") != 0}
 
 
 def structural_changes(content: Mapping) -> list[Mapping]:
@@ -404,7 +410,8 @@ def detectable_words(entry: Mapping, content: Mapping) -> str:
     fitted = {p["name"]: p.get("value_after", p.get("value")) for p in content.get("parameters", ())}
 
     def size(row: Mapping) -> str:
-        value = fitted.get(row["location"]) if row["cause"] == OWN_PARAMETER else None
+        own = row["cause"] == OWN_PARAMETER and row["location"] in _parameters_with_scale(content)
+        value = fitted.get(row["location"]) if own else None
         if value:
             share = amount(abs(row["size"] / value), None, "-", SHARES[0])
             return f"{share} of {value:.3g} {row['unit'].removeprefix('-')}".strip().lstrip("+")

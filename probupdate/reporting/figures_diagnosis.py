@@ -159,7 +159,7 @@ def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
         label_axes(axes, "mode (i: out of phase)", "channel", _state_words(states[s], states))
         axes.label_outer()
     bar = figure.colorbar(maps[-1], ax=panels, shrink=0.7, pad=0.01, extend="both")
-    bar.set_label("standard deviations of what is normal [-]", fontsize=8)
+    bar.set_label("residual [std]", fontsize=8)
     bar.outline.set_linewidth(0.5)
     return figure
 

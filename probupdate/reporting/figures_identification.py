@@ -108,6 +108,7 @@ def mpc_map(time, labels: Sequence[str], mpc: np.ndarray) -> Figure:
     axes.patch.set(hatch="////", edgecolor=GREY, linewidth=0)
     axes.set_yticks(range(len(labels)), labels)
     axes.grid(visible=False)
+    axes.locator_params(axis="x", integer=True)
     first, last = (np.datetime_as_string(np.asarray(time, "datetime64[m]")[k]).replace("T", " ") for k in (0, -1))
     label_axes(axes, f"block [-], {first} to {last} UTC", "mode")
     figure.colorbar(image, ax=axes, label="MPC [-]", fraction=0.04)

@@ -287,6 +287,7 @@ def selection_steps(names: Sequence[str], excluded: Sequence[int], total: int) -
     axes.invert_yaxis()
     axes.grid(axis="y", visible=False)
     axes.margins(x=0.08)
+    axes.locator_params(axis="x", integer=True)
     label_axes(axes, "number of blocks", "criterion")
     return figure
 

@@ -65,7 +65,7 @@ def measured_section(run: Run) -> Section:
         Picture(
             svg=figures.svg_text(figures.sensor_layout(wire, campaign.sensors), "sensors"),
             caption=f"The {len(campaign.sensors)} channels on the structure: a dot for each sensor, an arrow for each "
-            "measured direction, in the model's axes (z = 0 at mean sea level).",
+            "measured direction, in the model's axes.",
         )
     )
     items.append(_sensor_table(campaign))

@@ -72,6 +72,7 @@ _STYLE: dict[RcKeyType, object] = {
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
     "axes.unicode_minus": True,
     "grid.color": GRID,
     "grid.linewidth": 0.8,

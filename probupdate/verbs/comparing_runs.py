@@ -64,7 +64,7 @@ class RunComparison:
                  f"than {NAMED:g} standard deviations"]
         lines += [f"  {r.kind} {r.name}: {_value(r.first, r.first_std)} and {_value(r.second, r.second_std)} {r.unit} "
                   f"({r.standardised:+.1f})" for r in sorted(apart, key=lambda r: -abs(r.standardised or 0.0))]
-        lines += [f"{what}: {a} | {b}" for what, a, b in self.statements]
+        lines += [f"{what}: {a} (both)" if a == b else f"{what}: {a} | {b}" for what, a, b in self.statements]
         return "\n".join([*lines, *(f"note: {text}" for text in self.notes)])
 
     def write(self, out: str | Path) -> Path:

@@ -121,7 +121,7 @@ def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):
 def test_scada_rows_of_one_time_are_counted_where_they_differ(campaign_folder, head):
     table = conditions()
     changed = table.assign(power_kw=1.0)
-    for more, words in ((table, ""), (changed, "2 SCADA rows have the time of an earlier one and other values")):
+    for more, words in ((table, ""), (changed, "2 SCADA rows with the time of an earlier one and other values")):
         folder = campaign_folder([(0, noise())], head=four_channels(head), scada=pd.concat([table, more]))
         text = "\n".join(check(read_campaign(folder)).findings)
         assert ("the time of an earlier one" in text) == bool(words) and words in text

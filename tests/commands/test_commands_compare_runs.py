@@ -37,7 +37,7 @@ def test_differences_are_in_their_own_standard_deviations(tmp_path, capsys):
     assert abs(table.loc[("parameter", "m"), "standardised"]) < 0.2
     assert table.loc[("frequency", "FA1"), "first_std"] == pytest.approx(0.01 / np.sqrt(3), rel=1e-6)
     words = capsys.readouterr().out
-    assert "1 of 4 numbers differ" in words and "ln evidence: 3.25 ± 0.01 | 3.25 ± 0.01" in words
+    assert "1 of 4 numbers differ" in words and "ln evidence: 3.25 ± 0.01 (both)" in words
 
 
 def test_what_must_not_be_compared_is_said(tmp_path, capsys):

@@ -480,3 +480,15 @@ def test_a_posterior_changed_by_hand_is_refused(estimated, tmp_path, change):
             file["observed_data"]["response_std"][0] *= 2
     with pytest.raises(InputError, match=r"posterior\.nc: was changed after it was written"):
         read_posterior(path)
+
+
+def test_export_finds_the_modes_of_the_posterior_beside_selected_ones(estimated, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(estimated, run)
+    # a selection with wider standard deviations, whose mean has the same name
+    content = json.loads((run / "modes.json").read_text())
+    for one in content["sets"]:
+        one["frequency_std_hz"] = [2 * std for std in one["frequency_std_hz"]]
+    (run / "nine.json").write_text(json.dumps(content))
+    done = probupdate.export(run, tmp_path / "life", draws=4)
+    assert not any("tolerances in models" in text for text in done.left_out)
