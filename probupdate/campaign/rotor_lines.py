@@ -85,12 +85,18 @@ def _score(piece: np.ndarray, rate: float, turning_hz: float, unsteady: float) -
     # each channel has one vote: the logarithm is taken before the mean
     step = rate / len(piece)
     level = np.log(power + 1e-12 * power.max(axis=0)).mean(axis=1)
-    total = np.zeros(len(RATIOS))
-    for n in HARMONICS:
-        centre = n * turning_hz * RATIOS
-        half = np.maximum(1.5 * step, unsteady * centre)
-        total += _excess_over_neighbours(level, centre / step, half / step)
-    return total / len(HARMONICS)
+    return _comb(level, turning_hz * RATIOS / step, unsteady)
+
+
+def _comb(level: np.ndarray, turning: np.ndarray, unsteady: float) -> np.ndarray:
+    """Mean height of a level (n_line,) at the harmonics of turning (n,), in lines, over what surrounds them."""
+    return np.mean([_excess_over_neighbours(level, n * turning, np.maximum(1.5, unsteady * n * turning))
+                    for n in HARMONICS], axis=0)
+
+
+def line_height(level: np.ndarray, turning: float, unsteady: float = 0.01) -> float:
+    """Of one speed, in lines; unsteady: its standard deviation over its mean."""
+    return float(_comb(level, np.array([turning]), unsteady)[0])
 
 
 def _excess_over_neighbours(level: np.ndarray, centre: np.ndarray, half: np.ndarray) -> np.ndarray:

@@ -34,6 +34,8 @@ RUNS_ABOVE, CUT_OUT, TURNS, LARGE_RPM, LARGE_KW = 8.0, 24.0, 3.0, 30.0, 300.0
 RATED_WIND = (8.5, 14.0)
 # power in that wind, as a share of rated, that is none of a turbine that runs, and what is more than it can give
 LEAST_SHARE, MOST_SHARE = 0.02, 1.6
+# share of rated power from which speed is held
+RATED_SHARE = 0.97
 WIND_UNITS = {"knots": 0.514444, "miles an hour": 0.44704, "km/h": 1 / 3.6}
 # pitch (degrees) of blades that are feathered
 FEATHERED = (60.0, 95.0)
@@ -71,8 +73,9 @@ def usable_columns(table: pd.DataFrame, rated_power_kw: float | None) -> Columns
             notes += _without_fillers(table, name, 0.0 if spread else low, high - low if spread else high)
     for column in COMPASS:
         notes += _check_angle_means(table, column)
-    notes += [*_check_stillness(table, rated_power_kw), *_check_frozen_wind(table)]
-    for test in (_power_unit, _rotor_unit, _wind_unit, _pitch_unit):
+    notes += [*_check_stillness(table, rated_power_kw), *_check_frozen_wind(table),
+              *_check_frozen_rotor(table, rated_power_kw)]
+    for test in (_exchanged_columns, _power_unit, _rotor_unit, _wind_unit, _pitch_unit):
         for column, sentence in test(table, rated_power_kw):
             table = table.drop(columns=[column + e for e in ENDINGS if column + e in table])
             notes.append(f"suspect: {sentence}; the column is not used")
@@ -152,22 +155,46 @@ def _check_frozen_wind(table: pd.DataFrame) -> list[str]:
     """A wind that stays the same to its last digit while power or rotor change, for longer than that happens by chance
     with how often it goes on in the shorter of its runs. Its least value is a calm's."""
     wind = _column(table, "wind_speed_mps")
-    driven = np.column_stack([_column(table, c) for c in ("power_kw", "rotor_speed_rpm")])
-    again = np.zeros(len(wind) + 1, bool)
-    again[1:-1] = (np.diff(wind) == 0) & (np.abs(np.diff(driven, axis=0)) > 0).any(axis=1) & (wind[1:] > np.nanmin(
-        wind, initial=np.inf))
+    gone = np.zeros(len(wind), bool)
+    for rows in _frozen_runs(table, "wind_speed_mps", ("power_kw", "rotor_speed_rpm")):
+        gone[rows] |= wind[rows] > np.nanmin(wind)
+    return _without_frozen(table, "wind_speed_mps", gone, "power or rotor change, as of a stuck anemometer")
+
+
+def _check_frozen_rotor(table: pd.DataFrame, rated: float | None) -> list[str]:
+    """A rotor that turns at the same speed, to its last digit, for so long, while the turbine both gives a fifth of its
+    power and none. Most turbines are held at one speed at much of their power, some at all of it; none stands so."""
+    power, rotor = _column(table, "power_kw"), _column(table, "rotor_speed_rpm")
+    gone = np.zeros(len(rotor), bool)
+    for rows in _frozen_runs(table, "rotor_speed_rpm", ("power_kw", "wind_speed_mps")):
+        gives, none = power[rows] > 0.2 * _full_power(power, rated), power[rows] <= 0
+        if rotor[rows][0] > TURNS and min(gives.sum(), none.sum()) >= FEW:
+            gone |= rotor == rotor[rows][0]
+    return _without_frozen(table, "rotor_speed_rpm", gone, "the turbine gives power and stands, as of a stuck sensor")
+
+
+def _frozen_runs(table: pd.DataFrame, name: str, beside: tuple[str, ...]) -> list[slice]:
+    """Rows in which a column stays the same while one beside it changes, for longer than by chance."""
+    value, driven = _column(table, name), np.column_stack([_column(table, c) for c in beside])
+    again = np.concatenate([[False], np.diff(value) == 0, [False]])
     first, end = np.flatnonzero(again[1:] & ~again[:-1]), np.flatnonzero(again[:-1] & ~again[1:])
-    length, gone = end - first, np.zeros(len(wind), bool)
-    for start, steps in zip(first, length, strict=True):
-        shorter = length[length < steps]
+    changes = np.append(0, np.cumsum((np.abs(np.diff(driven, axis=0)) > 0).any(axis=1)))
+    length, found = changes[end] - changes[first], []
+    for start, last, steps in zip(first, end, length, strict=True):
+        shorter = length[(length < steps) & (length > 0)]
         goes_on = (np.sum(shorter - 1) + 1) / (np.sum(shorter) + 2)
-        gone[start: start + steps + 1] |= len(wind) * goes_on**steps < CHANCE
+        if len(value) * goes_on**steps < CHANCE:
+            found.append(slice(start, last + 1))
+    return found
+
+
+def _without_frozen(table: pd.DataFrame, name: str, gone: np.ndarray, when: str) -> list[str]:
     if not gone.any():
         return []
-    table["wind_speed_mps"] = np.where(gone, np.nan, wind)
+    table[name] = table[name].where(~gone)
     begins = table.index[int(np.argmax(gone))].strftime("%Y-%m-%d %H:%M")
-    return [f"{plural(int(gone.sum()), 'value')} of wind_speed_mps in SCADA, first {begins}, stay the same while "
-            "power or rotor change, as of a stuck anemometer: taken as missing"]
+    return [f"{plural(int(gone.sum()), 'value')} of {name} in SCADA, first {begins}, stay the same while {when}: taken "
+            "as missing"]
 
 
 # Angles -------------------------------------------------------------------------------------------------------------
@@ -261,6 +288,18 @@ def _runs(table: pd.DataFrame, rated_power_kw: float | None) -> np.ndarray:
 
 def _factor_remedy(column: str, factor: float) -> str:
     return f"if so, state [scada] factor = {{ {column} = {factor:.6g} }} in campaign.toml"
+
+
+def _exchanged_columns(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:
+    """Wind and rotor at rated power: the rotor is held at one speed there, the wind is not."""
+    power, wind, rotor = (_column(table, c) for c in ("power_kw", "wind_speed_mps", "rotor_speed_rpm"))
+    at = (power > RATED_SHARE * _full_power(power, rated)) & np.isfinite(wind) & np.isfinite(rotor) & (wind > 0)
+    speed = np.log(np.maximum(rotor[at], TURNS))
+    if at.sum() < 2 * FEW or np.ptp(speed) < NEAR or np.std(speed) < np.ptp(np.log(wind[at])):
+        return []
+    text = ("is as steady at rated power as a rotor, and rotor_speed_rpm as unsteady as a wind: are the two exchanged? "
+            "If so, exchange their names in scada.csv")
+    return [("wind_speed_mps", f"wind_speed_mps in SCADA {text}"), ("rotor_speed_rpm", "rotor_speed_rpm so too")]
 
 
 def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:

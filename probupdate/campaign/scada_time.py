@@ -11,8 +11,9 @@ import pandas as pd
 from scipy import fft
 
 from probupdate.campaign.blocks import Block
-from probupdate.campaign.rotor_lines import HARMONICS, SLOWEST_RPM
+from probupdate.campaign.rotor_lines import HARMONICS, SLOWEST_RPM, STEADIEST, line_height
 from probupdate.campaign.scada import ROW_MINUTES
+from probupdate.campaign.sensor_findings import SIGMA
 
 # rows of this length; of a shorter block one row
 ROW_S, SHORTEST_S = 60.0 * ROW_MINUTES, 60.0
@@ -66,6 +67,8 @@ def time_findings(rows: Sequence[RecordRow], scada: pd.DataFrame | None) -> list
     if scada is None or len(rows) < FEWEST_ROWS or len(scada) < FEWEST_ROWS:
         return []
     beside = _AlignedRecord(rows, scada)
+    if found := beside.followed_speed():
+        return [found]
     shifts = np.arange(-LONGEST, LONGEST + 1)
     gain = np.array([beside.likelihood(int(k)) for k in shifts])
     near = np.abs(shifts) < NEAREST
@@ -132,6 +135,37 @@ class _AlignedRecord:
     def is_clear(self, shift: int) -> bool:
         """Whether what is explained there is more than two series have by chance that each follow themselves."""
         return max((_effective_log_likelihood(*pair) for pair in self._pairs(shift)), default=0.0) > CLEAR
+
+    def followed_speed(self) -> str:
+        """A sentence where the rotor's lines in the records follow the speed of a neighbouring row, or another column,
+        rather than the stated speed, where these are two lines; else ''. Fixed lines, as of modes, count for nothing."""
+        if "rotor_speed_rpm" not in self.columns:
+            return ""
+        level = self.level - self.level.mean(axis=0)
+        stated = self._shifted_column("rotor_speed_rpm", 0)
+        own, best = self._line_heights(level, stated), (SIGMA, "")
+        for column, shift in [*(("rotor_speed_rpm", k) for k in range(1 - NEAREST, NEAREST) if k), (DRIVERS[0], 0)]:
+            if column not in self.columns:
+                continue
+            speed = self._shifted_column(column, shift)
+            gain = self._line_heights(level, speed) - own
+            gain = gain[np.isfinite(gain) & (np.abs(speed / stated - 1) > STEADIEST)]
+            if len(gain) < FEWEST_ROWS // 2 or not (t := np.sqrt(len(gain)) * gain.mean() / gain.std()) > best[0]:
+                continue
+            minutes = shift * ROW_MINUTES
+            best = t, (
+                f"suspect: the rotor's lines in the records follow rotor_speed_rpm in SCADA {abs(minutes)} min "
+                f"{'later' if minutes > 0 else 'earlier'} than its times ({len(gain)} rows): "
+                f"{'are they the ends of the ten minutes' if shift == -1 else 'another clock'}? If so, state [scada] "
+                f"shift_minutes = {minutes} in campaign.toml" if shift else
+                f"suspect: the rotor's lines in the records follow {column} in SCADA as if it were rotor_speed_rpm "
+                f"({len(gain)} rows): are the two exchanged? If so, exchange their names in scada.csv")
+        return best[1]
+
+    def _line_heights(self, level: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """(n_row,) height of level (n_row, n_line) at the multiples of each row's speed (rpm); NaN where it stands."""
+        return np.array([line_height(row, rpm / 60 / STEP_HZ) if rpm > SLOWEST_RPM else np.nan
+                         for row, rpm in zip(level, speed, strict=True)])
 
     def _height(self, rpm: float) -> np.ndarray:
         """(n_row,) mean height of the rotor's lines above what surrounds them."""

@@ -328,6 +328,62 @@ def test_a_rotor_that_the_record_knows_nothing_of_has_no_other_time(tmp_path):
         assert not time_findings(rows, campaign.scada.assign(rotor_speed_rpm=rotor))
 
 
+def follow_rotor(folder, wind_as_rotor=False, late=0):
+    """A day at 5 Hz: one mode, and three lines a turn of a rotor that follows the wind; its SCADA, `late` rows after
+    it."""
+    rng, rate, n = np.random.default_rng(7), 5.0, 144
+    slow = signal.lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], rng.standard_normal(n))
+    wind = np.clip(8 + 2 * slow, 4.5, 11.5)
+    rotor = 1.25 * wind + 0.3 * rng.standard_normal(n)
+    turns = np.cumsum(np.repeat(rotor / 60, int(600 * rate))) / rate
+    pole = np.exp((-0.01 + 1j) * 2 * np.pi * 0.33 / rate)
+    y = np.real(signal.lfilter([1], [1, -pole], rng.standard_normal(len(turns))))
+    y = 0.05 * y / y.std() + 0.01 * np.sin(6 * np.pi * turns)
+    folder = turbine(folder)
+    with h5py.File(folder / "acceleration/a.h5", "w") as file:
+        data = np.column_stack([y, 0.6 * y]) + 0.002 * rng.standard_normal((len(y), 2))
+        file.create_dataset("data", data=data.astype(np.float32)).attrs.update(
+            start="2024-05-01T00:00Z", sampling_rate_hz=rate)
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace("sampling_rate_hz = 10.0", "sampling_rate_hz = 5.0"))
+    time = pd.date_range("2024-05-01T00:00Z", periods=n, freq="10min") + pd.Timedelta(minutes=10 * late)
+    both = (rotor, wind) if wind_as_rotor else (wind, rotor)
+    pd.DataFrame({"time": time.strftime("%Y-%m-%dT%H:%M:%SZ"), "wind_speed_mps": both[0],
+                  "rotor_speed_rpm": both[1]}).to_csv(folder / "scada.csv", index=False)
+    return suspected_time(read_campaign(folder))
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, -1])
+def test_stamps_at_the_ends_of_ten_minutes_are_said(tmp_path, rows):
+    found = follow_rotor(tmp_path / "c", late=rows)
+    assert len(found) == bool(rows) and all(f"shift_minutes = {-10 * rows} " in f for f in found)
+
+
+def test_wind_and_rotor_exchanged_are_said_by_the_lines(tmp_path):
+    (sentence,) = follow_rotor(tmp_path / "c", wind_as_rotor=True)
+    assert "lines" in sentence and "wind_speed_mps" in sentence and "exchange" in sentence
+
+
+@pytest.mark.parametrize(("rated", "slowest", "rise", "fastest"), [(3000.0, 7, 1.2, 15), (8000.0, 5, 0.6, 10.5)])
+def test_wind_and_rotor_exchanged_are_said_by_rated_power(tmp_path, rated, slowest, rise, fastest):
+    wind = np.linspace(2, 18, N)
+    rotor = np.where(wind > 4, np.clip(slowest + rise * (wind - 4), slowest, fastest), 0.1)
+    table = scada(wind_speed_mps=wind, rotor_speed_rpm=rotor, power_kw=rated * power_curve(wind, 12.0) / RATED)
+    assert not read(tmp_path, table, rated=rated).attrs["notes"]
+    found = read(tmp_path, table.assign(wind_speed_mps=rotor, rotor_speed_rpm=wind), rated=rated)
+    assert "exchange" in found.attrs["notes"][0] and not {"wind_speed_mps", "rotor_speed_rpm"} & set(found)
+
+
+def test_a_rotor_that_turns_alike_while_the_turbine_stands_is_missing(tmp_path):
+    table = winds(3, 2)
+    turns = table["wind_speed_mps"] > 8
+    table["power_kw"] = table["power_kw"].where(turns, -15.0)
+    # a stall-controlled turbine has one speed, and stands still
+    assert not read(tmp_path, table.assign(rotor_speed_rpm=np.where(turns, 12.0, 0.0))).attrs["notes"]
+    found = read(tmp_path, table.assign(rotor_speed_rpm=12.0))
+    assert found["rotor_speed_rpm"].isna().all() and "stuck" in found.attrs["notes"][0]
+
+
 @pytest.mark.parametrize(("cut", "words"), [(2, "cut off"), (6, "cut off"), (1, "")])
 def test_a_last_row_that_is_cut_off_is_left_out_and_said(tmp_path, cut, words):
     """By two characters the temperature has no decimals, by more it is gone; by the line's end nothing lacks."""
