@@ -115,8 +115,10 @@ def unit_findings(
         # with one other there is no telling which of the two it is
         which = " or ".join(sensors[i].channel for i in (sorted([k, *like]) if len(like) == 1 else [k]))
         beside = other if len(like) == 1 else "its like"
+        place = "only a support beside it explains" if middle < 1 and _is_last(k, sensors) else (
+            "a place on the structure does not explain")
         found.append(f"suspect: the spectrum of {sensor.channel} is {middle:.2g} times that of {beside} at most "
-                     "frequencies, which a place on the structure does not explain"
+                     f"frequencies, which {place}"
                      f"{_unit_of_factor(middle)}: is {which} in {sensor.unit}, as campaign.toml says?")
     loud = [s.channel for s in sensors if s.quantity == "acceleration" and s.unit in ("g", "mg")
             and vibration.get(s.channel, 0.0) > STRONG_MPS2]
@@ -166,9 +168,28 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
                 continue
             near, beside = (float(np.median(spectrum[:, k] - np.median(spectrum[:, some], axis=1)))
                             for some in (_nearest_channels(k, sensors, like), along or like))
-            if min(near * np.sign(away), beside * np.sign(away)) > np.log(MOST_FACTOR):
+            if min(near * np.sign(away), beside * np.sign(away)) > np.log(MOST_FACTOR) and not (
+                    beside < 0 and _is_last(k, sensors) and _is_shared(k, beside, spectrum, sensors, left_out)):
                 found[k] = float(np.exp(beside))
     return found
+
+
+def _is_last(k: int, sensors: Sequence[Sensor]) -> bool:
+    """Whether the channel's place is the first or last along the sensors' greatest extent, where a support may be."""
+    place = np.array([s.position_m for s in sensors])
+    along = (place - place.mean(axis=0)) @ np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][0]
+    return min(along[k] - along.min(), along.max() - along[k]) < 1e-6 * np.ptp(along)
+
+
+def _is_shared(k: int, away: float, spectrum: np.ndarray, sensors: Sequence[Sensor], left_out: Collection[int]) -> bool:
+    """Whether what moves another way at the same place is as far from its own parallels: the place's doing."""
+    like = _comparable_channels(k, sensors, left_out)
+    for i in {*like} - {*_axis_peers(k, sensors, like)}:
+        others = _axis_peers(i, sensors, _comparable_channels(i, sensors, left_out))
+        if others and np.allclose(sensors[i].position_m, sensors[k].position_m) and abs(float(np.median(
+                spectrum[:, i] - np.median(spectrum[:, others], axis=1))) - away) < np.log(MOST_FACTOR):
+            return True
+    return False
 
 
 def _axis_peers(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:

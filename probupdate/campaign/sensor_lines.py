@@ -174,7 +174,7 @@ def _reversed_sensor(
     for k in alone if alone or upright else known:
         if len(known) < FEWEST_UPRIGHT or not _is_near_neighbours(place[known], int(np.flatnonzero(known == k)[0])):
             continue
-        votes = [_vote(place, shape, k) for shape, members in shapes if members[k]]
+        votes = [_vote(place, shape, k, upright) for shape, members in shapes if members[k]]
         # what goes on where its neighbours point in one of the two modes is no reversed sensor
         if any(with_them < against / 2 for against, with_them in votes):
             continue
@@ -192,11 +192,13 @@ def _is_near_neighbours(place: np.ndarray, k: int) -> bool:
     return len(others) > 0 and own.max() <= LARGEST_GAP * others.max()
 
 
-def _vote(place: np.ndarray, shape: np.ndarray, k: int) -> tuple[float, float]:
+def _vote(place: np.ndarray, shape: np.ndarray, k: int, upright: bool) -> tuple[float, float]:
     """|moved + said| and |moved - said| of what the nearest sensors say: between two of them, or straight on and along
-    a parabola at an end, whichever is nearer either way."""
+    a parabola at an end, whichever is nearer either way; above a foot, that it goes where the next one goes."""
     others = np.delete(np.arange(len(place)), k)
-    if 0 < k < len(place) - 1:
+    if k == 0 and upright:
+        said = [float(np.copysign(shape[0], shape[1]))]
+    elif 0 < k < len(place) - 1:
         said = [float(np.interp(place[k], place[others], shape[others]))]
     else:
         nearest = others[np.argsort(np.abs(place[others] - place[k]))]
