@@ -19,7 +19,7 @@ from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import WAIT, CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import open_source
-from probupdate.campaign.stated import ChannelStatement, FileStatements, channel_factor, refuse_other_rate
+from probupdate.campaign.stated import UNITS, ChannelStatement, FileStatements, channel_factor, refuse_other_rate
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
@@ -292,6 +292,8 @@ def _read_source(paths: Sequence[Path], name: str, described: Description, head:
             refuse_time(str(path), head.channels, data)
         if markers:
             data = np.where(np.isin(data, markers), np.nan, data)
+        if number == 0:
+            _refuse_counts(str(path), data, factor, head, described)
         # what single precision does not hold is not an acceleration: lost, and counted below
         with np.errstate(over="ignore", invalid="ignore"):
             data = (data * factor).astype(np.float32)
@@ -319,6 +321,18 @@ def _factors(
                             described.factor.get(s.channel),
                             described.overrule) for s in head.sensors]
     return np.array([f for f, _ in found]), [text for _, text in found if text is not None]
+
+
+def _refuse_counts(path: str, data: np.ndarray, factor: np.ndarray, head: CampaignHead, described: Description) -> None:
+    """Raises InputError for whole numbers in m/s2, g, m/s or m, which is how a converter counts and nothing vibrates; a
+    factor in convert.toml, 1 too, says what one is."""
+    for sensor, column, f in zip(head.sensors, data.T, factor, strict=True):
+        known = column[np.isfinite(column)]
+        if sensor.channel not in described.factor and abs(f) * UNITS[sensor.quantity][sensor.unit] >= 1 and len(
+                np.unique(known)) > 2 and np.all(known == np.round(known)):
+            raise InputError(f"{path}, {sensor.channel}", f"holds whole numbers from {known.min():g} to "
+                             f"{known.max():g}, as a converter's counts, and campaign.toml says {sensor.unit}",
+                             f"give {sensor.unit} per count under [factor] in convert.toml, or 1.0")
 
 
 class _Writer:

@@ -177,6 +177,18 @@ def test_what_else_a_mat_file_holds_does_not_matter(job):
     assert convert(raw, campaign).samples == 300
 
 
+@pytest.mark.parametrize("write", [write_v5, write_npy, write_csv])
+def test_counts_of_a_converter_are_no_acceleration_until_a_factor_says_so(job, write):
+    raw, campaign = job("")
+    text = write(raw, np.round(1000 * noise(600)))
+    job(text)
+    with pytest.raises(InputError, match="whole numbers"):
+        convert(raw, campaign)
+    job(text + '[factor]\n"a-x" = 0.001\n"a-y" = 0.001\n')
+    convert(raw, campaign)
+    assert records(campaign)[0][1].std() == pytest.approx(1.0, abs=0.1)
+
+
 def test_values_beyond_single_precision_are_lost_and_told(job):
     raw, campaign = job("")
     data = noise(300)

@@ -87,6 +87,15 @@ def test_a_sound_line_is_silent_whatever_modes_it_shows(name, weight, noise):
     assert flipped(structure, upright, moved(structure, weight, 12, noise)) == []
 
 
+@pytest.mark.parametrize("places", [(1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1), (0.2, 0.4, 0.7, 1), (1 / 3, 2 / 3, 1)])
+def test_the_lowest_sensor_of_a_chimney_is_named_where_it_is_reversed(places):
+    structure = cantilever(places)
+    data = moved(structure, EVEN, 11)
+    assert flipped(structure, True, data) == []
+    data[:, 0] *= -1
+    assert flipped(structure, True, data) == ["A1"]
+
+
 def test_a_first_mode_of_two_spans_is_no_reversed_sensor():
     """Over a support in the middle the lowest mode changes its sign; one sensor is beyond it."""
     places = np.array([0.1, 0.2, 0.3, 0.4, 0.6])

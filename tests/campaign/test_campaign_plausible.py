@@ -63,6 +63,41 @@ def test_one_of_three_in_g_stated_in_mg_is_asked_about_in_these_units(campaign_f
     assert len(found) == 1 and "mg and g" in found[0], said
 
 
+def mast(height, both=True, size=36000):
+    """Accelerations along x and y of a clamped uniform mast at height and at three places above it; its sensors."""
+    root, place = np.array([1.87510407, 4.69409113, 7.85475744]), np.array([height, 0.4, 0.7, 1.0])
+    k = (np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
+    shape = np.array([np.cosh(b * place) - np.cos(b * place) - c * (np.sinh(b * place) - np.sin(b * place))
+                      for b, c in zip(root, k, strict=True)]).T
+    rng, columns = np.random.default_rng(3), []
+    for axis in range(2):
+        y = 0.0
+        for j, w in enumerate(2 * np.pi * 0.3 * (1 + 0.03 * axis) * (root[:2] / root[0]) ** 2):
+            b, a, _ = signal.cont2discrete(([1.0, 0.0, 0.0], [1.0, 0.02 * w, w * w]), 1 / RATE_HZ, method="zoh")
+            y = y + np.outer(signal.lfilter(b.ravel(), a, rng.standard_normal(size)), shape[:, j])
+        columns.append(y)
+    data = np.stack(columns[: 1 + both], axis=2).reshape(size, -1)
+    text = 'name = "b"\nsampling_rate_hz = 10.0\nblock_minutes = 10\n' + "".join(
+        f'[[sensor]]\nchannel = "m{n}{a}"\nlevel = "m{n}"\nposition_m = [0.0, 0.0, {40 * z}]\n'
+        f'direction = {[float(a == "x"), float(a == "y"), 0.0]}\nunit = "m/s2"\n'
+        for n, z in enumerate(place) for a in "xy"[: 1 + both])
+    return 1e-2 * (data + 3e-3 * data.std(axis=0).max() * rng.standard_normal(data.shape)), text
+
+
+@pytest.mark.parametrize("height", [0.04, 0.12])
+def test_a_sensor_beside_a_stiff_foot_is_in_its_unit(campaign_folder, height):
+    data, text = mast(height)
+    assert suspected(campaign_folder([(0, data)], head=text)) == []
+    data[:, 4] /= 9.80665
+    assert any("m2x" in f for f in check(read_campaign(campaign_folder([(0, data)], head=text))).findings)
+
+
+def test_of_one_direction_a_support_is_named_beside_the_unit(campaign_folder):
+    data, text = mast(0.04, both=False)
+    (found,) = suspected(campaign_folder([(0, data)], head=text))
+    assert "m0x" in found and "support" in found
+
+
 @pytest.mark.parametrize(("one", "names"), [(1.0, []), (9.80665, ["f1x or f2x"])], ids=["all right", "one in g"])
 def test_what_acts_along_one_axis_is_no_wrong_unit(campaign_folder, one, names):
     """Four floors that the wind shakes six times as much along x; of the last two, y alone has a sensor."""
