@@ -98,11 +98,15 @@ def _table_parts(arrays: Arrays, d: Description, wanted: str) -> tuple[list[tupl
 
 def _file_statements(arrays: Arrays, d: Description, take, single: Mapping[str, float]) -> FileStatements:
     """A rate among the single numbers; units from a text (or one a column) of that name, or in a variable's name."""
-    units = next((list(t) for name, t in arrays.texts.items() if re.split(r"[./]", name)[-1].lower() in UNIT_KEYS), [])
+    stated = {name[: -len(last)]: list(t) for name, t in arrays.texts.items()
+              if (last := re.split(r"[./]", name)[-1]).lower() in UNIT_KEYS}
     found = {}
     for k, channel in enumerate(d.columns):
         name, numbers = take[0] if len(take) == 1 else take[k]
         number = numbers[k] if len(take) == 1 else k
+        # of several structures each states its own
+        own = max((place for place in stated if name.startswith(place)), key=len, default=None)
+        units = stated[own] if own is not None else next(iter(stated.values()), []) if len(stated) == 1 else []
         text = units[0] if len(units) == 1 else units[number] if number < len(units) else unit_in(name)
         found[channel] = ChannelStatement(unit=text or None)
     taken = {(name, k) for name, numbers in take for k in numbers}

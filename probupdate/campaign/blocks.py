@@ -40,7 +40,8 @@ class Block:
     missing (n_channel,) share of samples lost; impossible (n_channel,) number of those that were there but beyond
     LARGEST_SI, or a number that stands for lost ones: marker (n_channel,), NaN where there is none; repeated, filled
     (n_channel,) share of samples that only repeat the one before, or lie on a straight line drawn over a gap (`gaps`),
-    lost too; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
+    lost too; spikes (n_channel,) number of samples lost as they stand alone; excluded: why the block cannot be used,
+    empty where it can; notes: what was done to it.
     """
 
     start: pd.Timestamp
@@ -52,6 +53,7 @@ class Block:
     repeated: np.ndarray
     filled: np.ndarray
     marker: np.ndarray | None = None
+    spikes: np.ndarray | int = 0
     excluded: str = ""
     notes: tuple[str, ...] = ()
 
@@ -225,6 +227,26 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             covered[rows] = True
     if np.any(campaign.unit_factor != 1):
         data *= campaign.unit_factor
+    lost, impossible, marker, spikes = _without_impossible(data, campaign, notes)
+    missing = lost.mean(axis=0)
+    again, drawn = _mark_not_measured(data, lost, campaign.sampling_rate_hz)
+    repeated, line = again.mean(axis=0), drawn.mean(axis=0)
+    data[again | drawn] = np.nan
+    notes += _unmeasured_notes(campaign.channels, missing, repeated, line)
+    return Block(
+        start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
+        data=_make_read_only(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
+        marker=frozen_array(marker), spikes=frozen_array(spikes, int),
+        repeated=frozen_array(repeated), filled=frozen_array(line), notes=tuple(notes),
+        excluded=_exclusion_reason(campaign, covered, 1 - missing - repeated - line),
+    )
+
+
+def _without_impossible(
+    data: np.ndarray, campaign: Campaign, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(n_sample, n_channel) bool: what is lost of data, where it becomes NaN; and impossible, marker and spikes as of
+    `Block`."""
     # no sensor measures what its square would overflow on: the bit pattern of a damaged file
     lost = ~(np.abs(data) < LARGEST_SI)
     impossible = np.sum(lost & ~np.isnan(data), axis=0)
@@ -233,7 +255,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             notes.append(f"{plural(int(count), 'sample')} of {name} beyond {LARGEST_SI:g} (SI), which no sensor "
                          f"measures: {COUNTED_AS_LOST}")
     data[lost] = np.nan
-    marker = np.full(len(campaign.channels), np.nan)
+    marker, spikes = np.full(len(campaign.channels), np.nan), np.zeros(len(campaign.channels), int)
     for c in gaps.with_markers(data):
         column, name = np.ascontiguousarray(data[:, c]), campaign.channels[c]
         for value in gaps.markers(column):
@@ -244,18 +266,13 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             data[at, c] = np.nan
             notes.append(f"{plural(int(at.sum()), 'sample')} of {name} at {value:.6g}, a number for lost ones: "
                          f"{COUNTED_AS_LOST}")
-    missing = lost.mean(axis=0)
-    again, drawn = _mark_not_measured(data, lost, campaign.sampling_rate_hz)
-    repeated, line = again.mean(axis=0), drawn.mean(axis=0)
-    data[again | drawn] = np.nan
-    notes += _unmeasured_notes(campaign.channels, missing, repeated, line)
-    return Block(
-        start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
-        data=_make_read_only(data), missing=frozen_array(missing), impossible=frozen_array(impossible, int),
-        marker=frozen_array(marker),
-        repeated=frozen_array(repeated), filled=frozen_array(line), notes=tuple(notes),
-        excluded=_exclusion_reason(campaign, covered, 1 - missing - repeated - line),
-    )
+        alone = gaps.lone_samples(data[:, c], campaign.sampling_rate_hz)
+        if alone.any():
+            spikes[c] = alone.sum()
+            lost[alone, c] = True
+            data[alone, c] = np.nan
+            notes.append(f"{plural(int(spikes[c]), 'sample')} of {name} far from everything beside: {COUNTED_AS_LOST}")
+    return lost, impossible, marker, spikes
 
 
 def _mark_not_measured(data: np.ndarray, lost: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:

@@ -232,7 +232,8 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
     elif kind == mounting.TURNED:
         text = f"suspect: {name} looks turned by about {size:.0f} deg from its stated direction, or is another channel"
     elif kind == mounting.DEAD:
-        text = f"suspect: {name} looks dead: it has nothing in common with any other channel"
+        text = f"suspect: {name} looks dead: it has nothing in common with any other channel, "
+        text += "as without a sensor, or sampled at a rate of its own"
     elif kind == mounting.COPIED:
         text = f"suspect: {channels[0]} and {channels[1]} are one signal at every frequency"
         text += ("" if 0.999 < size < 1.001 else f", of {size:.3g} times the size") + ": is one of them a copy?"

@@ -27,6 +27,8 @@ LOOKED_AT, MOST_MARKED = 2500, 0.5
 # a number so many robust standard deviations away that stands so often, and is reached from near the middle, is none
 # that a sensor measured
 FAR, OFTEN, NEAR = 30.0, 3, 0.3
+# one so many times above what surrounds it within half a second is none either: an impact rings, a logger does not
+ALONE = 4.0
 
 
 def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,6 +92,33 @@ def _has_repeated_jumps(known: np.ndarray, value: float, middle: float) -> bool:
     before = known[starts[starts > 0] - 1]
     return bool(np.count_nonzero(at) >= OFTEN and len(before)
                 and np.median(np.abs(before - middle)) < NEAR * abs(value - middle))
+
+
+def lone_samples(column: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(n,) bool: samples of column (n,), NaN where lost, that stand alone far from its middle."""
+    known = column[np.isfinite(column)]
+    return find_lone_samples(np.abs(column - np.median(known)) if len(known) else column, rate_hz, 1)
+
+
+def find_lone_samples(size: np.ndarray, rate_hz: float, margin: int, least_std: float = FAR) -> np.ndarray:
+    """(n,) bool: of size (n,), NaN where lost, those of so many robust standard deviations that nothing within half a
+    second comes near, `margin` samples to each side left out."""
+    found = np.zeros(len(size), bool)
+    finite = size[np.isfinite(size)]
+    spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
+    if spread <= 0:
+        return found
+    reach = max(int(rate_hz / 2), 3)
+    with np.errstate(invalid="ignore"):
+        candidates = np.flatnonzero(size > least_std * spread)
+    # a record full of them is not a record with spikes
+    for k in candidates[:1000]:
+        if k > 0 and size[k - 1] > size[k]:
+            continue
+        around = np.concatenate([size[max(k - reach, 0): max(k - margin, 0)], size[k + 1 + margin: k + reach]])
+        around = around[np.isfinite(around)]
+        found[k] = len(around) > 0 and size[k] > ALONE * around.max()
+    return found
 
 
 def find_repeated(column: np.ndarray, rate_hz: float) -> np.ndarray:

@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import Block
-from probupdate.campaign.gaps import runs
+from probupdate.campaign.gaps import find_lone_samples, runs
 
-# a spike stands this many robust standard deviations above its channel's median or its neighbours' second differences,
-# and this many times above what surrounds it within half a second: an impact rings, a logger's fault does not
-SPIKE_STD, SPIKE_ALONE = 12.0, 4.0
+# a spike stands this many robust standard deviations above its channel's median or its neighbours' second differences
+SPIKE_STD = 12.0
 # the extreme value taken by more than so many samples in a row is a stop, if it is taken so many times more often than
 # the value next to it (a coarse converter repeats every value)
 CLIP_RUN, CLIP_PILE = 4, 3.0
@@ -31,7 +30,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
     known = np.isfinite(data)
     columns = {name: np.full(n_channel, np.nan) for name in (
         "rms", "offset", "lowest", "highest", "drift", "wander", "vibration")}
-    counts = {name: np.zeros(n_channel, int) for name in ("spikes", "clipped")}
+    counts = {"spikes": np.zeros(n_channel, int) + block.spikes, "clipped": np.zeros(n_channel, int)}
     still, gap, flat = np.zeros(n_channel), np.zeros(n_channel), np.zeros(n_channel, bool)
     whole = np.all(known, axis=0)
     for c in range(n_channel):
@@ -51,7 +50,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
             still[c] = len(values) / rate
             continue
         still[c] = _longest_still_s(column, rate)
-        counts["spikes"][c] = _spikes(column - middle, rate)
+        counts["spikes"][c] += _spikes(column - middle, rate)
         counts["clipped"][c] = _count_clipped(values)
         columns["drift"][c], columns["wander"][c], columns["vibration"][c] = _drift(column)
     return pd.DataFrame({
@@ -67,33 +66,14 @@ def _spikes(away: np.ndarray, rate_hz: float) -> int:
     their second differences, in which slow motion does not hide what is small."""
     kink = np.zeros(len(away))
     kink[1:-1] = away[1:-1] - 0.5 * (away[:-2] + away[2:])
-    found = _find_lone_samples(np.abs(away), rate_hz, 1)
-    pointed = _find_lone_samples(np.abs(kink), rate_hz, 2)
+    found = find_lone_samples(np.abs(away), rate_hz, 1, SPIKE_STD)
+    pointed = find_lone_samples(np.abs(kink), rate_hz, 2, SPIKE_STD)
     # one sample off makes -1/2, 1, -1/2 of it; a jump, which a structure's load may make, does not
     for k in np.flatnonzero(pointed):
         found[k] |= max(kink[k - 1] / kink[k], kink[k + 1] / kink[k]) < -0.25
     starts, _ = runs(found)
     # a spike shows in its neighbours' second differences too
     return int(np.sum(np.diff(starts, prepend=-10) > 2))
-
-
-def _find_lone_samples(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
-    found = np.zeros(len(size), bool)
-    finite = size[np.isfinite(size)]
-    spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
-    if spread <= 0:
-        return found
-    reach = max(int(rate_hz / 2), 3)
-    with np.errstate(invalid="ignore"):
-        candidates = np.flatnonzero(size > SPIKE_STD * spread)
-    # a record full of them is not a record with spikes
-    for k in candidates[:1000]:
-        if k > 0 and size[k - 1] > size[k]:
-            continue
-        around = np.concatenate([size[max(k - reach, 0): max(k - margin, 0)], size[k + 1 + margin: k + reach]])
-        around = around[np.isfinite(around)]
-        found[k] = len(around) > 0 and size[k] > SPIKE_ALONE * around.max()
-    return found
 
 
 def _count_clipped(values: np.ndarray) -> int:

@@ -138,7 +138,7 @@ class _AlignedRecord:
 
     def followed_speed(self) -> str:
         """A sentence where the rotor's lines in the records follow the speed of a neighbouring row, or another column,
-        rather than the stated speed, where these are two lines; else ''. Fixed lines, as of modes, count for nothing."""
+        rather than the stated speed, where these are two lines; else ''. Fixed lines, as of modes, do not count."""
         if "rotor_speed_rpm" not in self.columns:
             return ""
         level = self.level - self.level.mean(axis=0)

@@ -108,6 +108,18 @@ def test_a_wrong_unit_beside_its_like_is_a_suspicion(campaign_folder, head):
         f.startswith("suspect: ") for f in found if "wrong unit" in f)
 
 
+@pytest.mark.parametrize("value", [7999.0, -50.0])
+def test_samples_that_stand_alone_are_lost_to_every_step(campaign_folder, head, value):
+    """As a logger's number beyond its range; an impact of that size rings."""
+    data = noise()
+    data[3000:3060, 1] += 8 * np.exp(-0.1 * np.arange(60)) * np.cos(np.arange(60))
+    data[[500, 9000], 0] = value
+    campaign = read_campaign(campaign_folder([(0, data)], head=four_channels(head)))
+    lost = np.isnan(np.concatenate([block.data for block in blocks(campaign)]))
+    assert np.argwhere(lost).tolist() == [[500, 0], [9000, 0]]
+    assert "a-x has 2 spikes that stand alone, in 2 blocks" in check(campaign).findings
+
+
 def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):
     """A ringing answer to a blow is signal: 20 standard deviations high, but not alone."""
     data = noise() * 0.05

@@ -243,7 +243,7 @@ def test_a_last_line_cut_off_is_left_out_and_said(job, encoding, last, kept):
 
 def test_where_decimals_vary_a_last_line_without_end_is_said(job):
     raw, campaign = job('files = "*.csv"\nstart = "2019-06-03T10:00:00Z"' + COLUMNS)
-    (raw / "r.csv").write_text("east,north\n" + "\n".join(f"{(7 * k) % 30},{k * k / 4}" for k in range(30)))
+    (raw / "r.csv").write_text("east,north\n" + "\n".join(f"{(7 * k) % 30 + 0.5},{k * k / 4}" for k in range(30)))
     done = convert(raw, campaign)
     assert done.samples == 30 and "its last line has no end, and was taken as whole" in done.summary
 

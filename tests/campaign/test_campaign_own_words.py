@@ -191,6 +191,15 @@ def test_units_of_parquet_fields_and_of_matlab_texts(job):
     assert "b: g was turned" in convert(raw, campaign).summary
 
 
+def test_each_of_several_structures_states_its_own_unit(job):
+    raw, campaign = job('files = "*.mat"\n' + START + '[columns]\na = "ch(1).y"\nb = "ch(2).y"\n')
+    data, channels = samples(), np.zeros((1, 2), dtype=[("y", object), ("unit", object)])
+    channels[0, 0], channels[0, 1] = (data[:, :1], "g"), (data[:, 1:], "mm/s^2")
+    scipy.io.savemat(raw / "r.mat", {"ch": channels})
+    summary = convert(raw, campaign).summary
+    assert "a: g was turned" in summary and "b: mm/s^2 was turned" in summary
+
+
 @pytest.mark.parametrize("kind", ["npz", "mat", "struct", "csv", "parquet"])
 def test_another_rate_in_the_file_is_refused_in_each_format(job, kind):
     data = samples()
