@@ -433,8 +433,8 @@ def _constant(
             finding = _setup_finding(one, sensors, owner, references)
             found.setdefault(finding.channel, finding)
     missing = [c for c in references if c not in judged]
-    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike, or common to all references in one, "
-             "cannot be found: no rover shares a rigid part with it"] if missing else []
+    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike, or common in one to all that a mode "
+             "moves, cannot be found: no rover shares a rigid part with it"] if missing else []
     return list(found.values()), notes
 
 

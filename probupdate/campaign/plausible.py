@@ -169,16 +169,33 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
             near, beside = (float(np.median(spectrum[:, k] - np.median(spectrum[:, some], axis=1)))
                             for some in (_nearest_channels(k, sensors, like), along or like))
             if min(near * np.sign(away), beside * np.sign(away)) > np.log(MOST_FACTOR) and not (
-                    beside < 0 and _is_last(k, sensors) and _is_shared(k, beside, spectrum, sensors, left_out)):
+                    near < 2 * np.log(_reach(k, sensors)) if beside > 0 else
+                    _is_last(k, sensors) and _is_shared(k, beside, spectrum, sensors, left_out)):
                 found[k] = float(np.exp(beside))
     return found
 
 
 def _is_last(k: int, sensors: Sequence[Sensor]) -> bool:
     """Whether the channel's place is the first or last along the sensors' greatest extent, where a support may be."""
-    place = np.array([s.position_m for s in sensors])
-    along = (place - place.mean(axis=0)) @ np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][0]
+    along = _along(sensors)
     return min(along[k] - along.min(), along.max() - along[k]) < 1e-6 * np.ptp(along)
+
+
+def _reach(k: int, sensors: Sequence[Sensor]) -> float:
+    """How many times as far as the nearest other place a last one is from the opposite end, 1 of any other: what is
+    clamped there moves by up to the square of it."""
+    if not _is_last(k, sensors):
+        return 1.0
+    away = np.abs(_along(sensors) - _along(sensors)[k])
+    others = away[away > 1e-6 * away.max()]
+    # of two places nothing says that one is a support's
+    return float(away.max() / (away.max() - others.min())) if others.min() < (1 - 1e-6) * away.max() else 1.0
+
+
+def _along(sensors: Sequence[Sensor]) -> np.ndarray:
+    """(n_channel,) coordinate along the sensors' greatest extent."""
+    place = np.array([s.position_m for s in sensors])
+    return (place - place.mean(axis=0)) @ np.linalg.svd(place - place.mean(axis=0), full_matrices=False)[2][0]
 
 
 def _is_shared(k: int, away: float, spectrum: np.ndarray, sensors: Sequence[Sensor], left_out: Collection[int]) -> bool:

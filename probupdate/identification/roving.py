@@ -433,8 +433,8 @@ def _weighted_mean(values: list[np.ndarray], factors: list[np.ndarray], widths: 
 
 def _summary(setups, means, modal: ModalSet, labels, references, misfit, p_value) -> str:
     lines = [f"{len(setups)} setups merged on {', '.join(references)}: {modal.shape.shape[0]} channels, "
-             f"{len(labels)} modes; a gain that all references share in one setup would scale its part of the shapes: "
-             "`probupdate check` of all setups says whether it would show"]
+             f"{len(labels)} modes; a gain that all references share in one setup, or of the only one that a mode "
+             "moves, scales that part of its shape: `probupdate check` of all setups says whether it would show"]
     for j, label in enumerate(labels):
         text = f"{label}: {modal.frequency_hz[j]:.4g} Hz, standard deviation {modal.frequency_std_hz[j]:.2g} Hz; "
         if np.isfinite(misfit[:, j]).any():

@@ -416,7 +416,7 @@ def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
     # rovers of the lower storey share nothing rigid with the references
     lower = probupdate.check_setups(paths[3:])
     assert lower.findings == () and any(
-        "ref-x, ref-y that is wrong in all setups alike, or common to all references in one, cannot be found" in u
+        "ref-x, ref-y that is wrong in all setups alike, or common in one to all that a mode moves, cannot be" in u
         for u in lower.uses)
 
 
