@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import LEAST_MEASURED, PART, Block, block_files, block_starts, read_block
-from probupdate.campaign.clocks import Delays, delays, drifts, put_in_time
+from probupdate.campaign.clocks import Delays, delays, drifts, far_delays, put_in_time
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
     ComparedBlock,
@@ -225,13 +225,15 @@ def _check_in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], a
 
     if (found := compared(data)) is None:
         return None
-    drift, moved = np.zeros(len(sensors)), data
+    drift, far, moved = np.zeros(len(sensors)), np.zeros(len(sensors)), data
     if (alone := np.isnan(found[1].delay_s)).any() and not alone.all():
         drift = np.nan_to_num(drifts(data, rate, 0.4 * rate, sensors, alone))
-        if drift.any():
-            moved = put_in_time(data, rate, np.zeros(len(sensors)), drift)
+        far = np.where(drift == 0, np.nan_to_num(far_delays(data, rate, sensors, alone)), 0.0)
+        if drift.any() or far.any():
+            moved = put_in_time(data, rate, far, drift)
             found = compared(moved) or found
     spectra, late = found
+    late = replace(late, delay_s=frozen_array(late.delay_s + far))
     away = np.abs(late.delay_s) > np.maximum(LEAST_DELAY_S, SIGMA * late.std_s)
     if away.any():
         moved = put_in_time(data, rate, np.where(away, late.delay_s, 0.0), drift)

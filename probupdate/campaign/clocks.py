@@ -16,6 +16,7 @@ import numpy as np
 from scipy import fft, ndimage, sparse
 from scipy.sparse import csgraph
 
+from probupdate.campaign.gaps import zero_filled
 from probupdate.campaign.mounting import ALONG
 from probupdate.campaign.sensor_findings import SIGMA
 from probupdate.campaign.spectra import CrossSpectra, segment_lines, segment_samples
@@ -125,6 +126,27 @@ def _pair_drift(cross: np.ndarray, frequency: np.ndarray, step_s: float) -> floa
         drift, lag, centre = last, 2 * lag, float(weight @ frequency / weight.sum())
     # less leaves coherence: something else takes it away
     return drift if drift is not None and abs(drift) * len(cross) * step_s * centre > TURNED else None
+
+
+def far_delays(data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], wanted: np.ndarray) -> np.ndarray:
+    """(n_channel,) s by which `wanted` channels of a block (n_sample, n_channel) are late by up to half of it, by where
+    most of their partners' phase correlation (Knapp and Carter 1976) stands out; NaN where it does not."""
+    found, n = np.full(len(sensors), np.nan), len(data)
+    lines = fft.rfft(zero_filled(data), 2 * n, axis=0)
+    unit = lines / np.maximum(np.abs(lines), 1e-300)
+    lag = np.append(np.arange(n // 2), np.arange(-n // 2, 0))
+    for i in np.flatnonzero(wanted):
+        partners = [j for j in np.flatnonzero(~wanted) if _are_comparable(sensors[i], sensors[j])]
+        each = []
+        for j in partners:
+            size = np.abs(fft.irfft(unit[:, i] * unit[:, j].conj(), 2 * n))[lag]
+            # twice what counts, as for a drift
+            if size.max() > 2 * SIGMA * np.sqrt(np.mean(size**2)):
+                each.append(lag[int(np.argmax(size))] / rate_hz)
+        middle = float(np.median(each)) if each else np.nan
+        if 2 * np.sum(np.abs(np.array(each) - middle) < LARGEST_DELAY_S) > len(partners):
+            found[i] = middle
+    return found
 
 
 def put_in_time(data: np.ndarray, rate_hz: float, delay_s: np.ndarray, drift: np.ndarray) -> np.ndarray:

@@ -233,7 +233,7 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
         text = f"suspect: {name} looks turned by about {size:.0f} deg from its stated direction, or is another channel"
     elif kind == mounting.DEAD:
         text = f"suspect: {name} looks dead: it has nothing in common with any other channel, "
-        text += "as without a sensor, or sampled at a rate of its own"
+        text += "as without a sensor, or with a clock or a sampling rate far from theirs"
     elif kind == mounting.COPIED:
         text = f"suspect: {channels[0]} and {channels[1]} are one signal at every frequency"
         text += ("" if 0.999 < size < 1.001 else f", of {size:.3g} times the size") + ": is one of them a copy?"
@@ -287,6 +287,8 @@ def runaway_clocks(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         if not within:
             continue
         drift = 86400 * float(np.median([compared[k].drift[c] for k in within]))
+        if np.std([86400 * compared[k].drift[c] for k in within]) > EVEN_STEPS * abs(drift):
+            continue
         # farther off than a segment is long, channels have nothing in common
         near = np.abs(drift * (days - np.median(days[within]))) < SEGMENT_S
         if len(within) >= SHARE * sum(np.isfinite(b.drift[c]) for b, one in zip(compared, near, strict=True) if one):
@@ -329,9 +331,13 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         theirs = np.median([b.delay_std_s[c] for b, good in zip(compared, known, strict=True) if good])
         error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
     away = runaway_clocks(compared, channels)
+    jumps = {c: jump for c, name in enumerate(channels) if name not in away and (jump := _jump(delay[:, c]))}
     late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])
-            and channels[c] not in away]
-    found = [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.4g} ppm) against "
+            and channels[c] not in away and c not in jumps]
+    found = [f"suspect: the clock of {channels[c]} jumps by {1e3 * size:+.0f} ms against the median channel in "
+             f"{compared[k].id}, as one that is set: shift its record on one side, or leave the channel out"
+             for c, (k, size) in jumps.items()]
+    found += [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.4g} ppm) against "
              f"the median channel, as followed until {last}; beyond {LARGEST_DELAY_S:g} s channels are not compared: "
              "resample it to the others' clock, or leave it out" for name, (drift, last) in away.items()]
     while late:
@@ -349,7 +355,7 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         found.append(text)
     if not np.isfinite(error).any():
         return [], None
-    followed = [e for e, name in zip(error, channels, strict=True) if np.isfinite(e) and name not in away]
+    followed = [e for c, e in enumerate(error) if np.isfinite(e) and channels[c] not in away and c not in jumps]
     resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * max(followed, default=0.0))
     apart = [name for name, c in zip(channels, centre, strict=True) if not np.isfinite(c)]
     named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a phase of its own)"
@@ -369,6 +375,22 @@ def phase_findings(
             "leave the channel out" for name, own in zip(channels, bent, strict=bool(compared))
             if own and name not in away and not any(
                 name in sentence for sentence in mentioned if sentence.startswith("suspect"))]
+
+
+def _jump(values: np.ndarray) -> tuple[int, float] | None:
+    """Where, and by how much, (n,) values, NaN where unknown, jump once rather than follow a line."""
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 6:
+        return None
+    y = values[known]
+    line = np.sum((y - np.polyval(np.polyfit(known, y, 1), known)) ** 2)
+    step = [np.sum((y[:k] - y[:k].mean()) ** 2) + np.sum((y[k:] - y[k:].mean()) ** 2) for k in range(2, len(y) - 1)]
+    at = int(np.argmin(step)) + 2
+    apart = float(np.median(y[at:]) - np.median(y[:at]))
+    # a place in time is one more that is free
+    explained = len(y) * np.log(max(line, 1e-300) / max(min(step), 1e-300)) > 2 * np.log(len(y))
+    return (int(known[at]), apart) if explained and abs(apart) > max(LEAST_DELAY_S, SIGMA * np.sqrt(
+        min(step) / len(y))) else None
 
 
 def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:

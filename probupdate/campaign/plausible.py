@@ -199,11 +199,14 @@ def _along(sensors: Sequence[Sensor]) -> np.ndarray:
 
 
 def _is_shared(k: int, away: float, spectrum: np.ndarray, sensors: Sequence[Sensor], left_out: Collection[int]) -> bool:
-    """Whether what moves another way at the same place is as far from its own parallels: the place's doing."""
+    """Whether what moves another way at the same place, or the same way at the other end, is as far from its own
+    parallels: the place's doing."""
     like = _comparable_channels(k, sensors, left_out)
-    for i in {*like} - {*_axis_peers(k, sensors, like)}:
+    along = _axis_peers(k, sensors, like)
+    for i in like:
         others = _axis_peers(i, sensors, _comparable_channels(i, sensors, left_out))
-        if others and np.allclose(sensors[i].position_m, sensors[k].position_m) and abs(float(np.median(
+        beside = np.allclose(sensors[i].position_m, sensors[k].position_m)
+        if others and (_is_last(i, sensors) if i in along else beside) and abs(float(np.median(
                 spectrum[:, i] - np.median(spectrum[:, others], axis=1))) - away) < np.log(MOST_FACTOR):
             return True
     return False

@@ -70,7 +70,8 @@ HEAD = 'name = "Storeys"\nsampling_rate_hz = 10.0\nblock_minutes = 10\n' + "".jo
     'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n' for k in range(1, 6))
 
 
-@pytest.mark.parametrize(("ppm", "constant"), [(600, 0.0), (-1500, 0.0), (0, 0.8), (60, 0.7)])
+@pytest.mark.parametrize(("ppm", "constant"), [(600, 0.0), (-1500, 0.0), (0, 0.8), (60, 0.7), (0, 18.0),
+                                               (0, 45.0)])
 def test_check_reports_clocks_and_no_sign_or_gain(campaign_folder, storeys, ppm, constant):
     """A delay of half a period turns a sign; a drift of a period within a block leaves no coherence."""
     record, time = storeys
@@ -82,6 +83,14 @@ def test_check_reports_clocks_and_no_sign_or_gain(campaign_folder, storeys, ppm,
     else:
         expected = 1e3 * (constant + ppm * 1e-6 * time[-1] / 2)
         assert float(text.split("is ")[1].split(" +-")[0]) == pytest.approx(expected, abs=20 if ppm else 2)
+
+
+@pytest.mark.parametrize("by_s", [1.0, -0.3])
+def test_a_clock_that_is_set_jumps_and_does_not_drift(campaign_folder, storeys, by_s):
+    record, time = storeys
+    folder = campaign_folder([(0, record(np.where(time > 1700, by_s, 0.0)))], head=HEAD)
+    (text,) = [t for t in check(read_campaign(folder)).findings if t.startswith("suspect")]
+    assert text.startswith("suspect: the clock of F4 ") and f"jumps by {1e3 * by_s:+.0f} ms" in text
 
 
 @pytest.mark.parametrize("filter_of", [((1, 0.3), "high"), ((2, 0.4), "high"), ((1, 0.8), "low")])

@@ -92,6 +92,22 @@ def test_a_sensor_beside_a_stiff_foot_is_in_its_unit(campaign_folder, height):
     assert any("m2x" in f for f in check(read_campaign(campaign_folder([(0, data)], head=text))).findings)
 
 
+def test_sensors_near_both_supports_of_a_deck_are_in_their_unit(campaign_folder):
+    places, rng = np.array([0.03, 0.25, 0.5, 0.75, 0.97]), np.random.default_rng(2)
+    data = 0.0
+    for n, hz in ((1, 0.6), (2, 2.4)):
+        b, a, _ = signal.cont2discrete(([1.0, 0.0, 0.0], [1.0, 0.13 * hz, (2 * np.pi * hz) ** 2]), 1 / RATE_HZ,
+                                       method="zoh")
+        data = data + np.outer(signal.lfilter(b.ravel(), a, rng.standard_normal(36000)), np.sin(np.pi * n * places))
+    text = 'name = "b"\nsampling_rate_hz = 10.0\nblock_minutes = 10\n' + "".join(
+        f'[[sensor]]\nchannel = "d{n}"\nlevel = "deck"\nposition_m = [{20 * x}, 0.0, 0.0]\n'
+        'direction = [0.0, 0.0, 1.0]\nunit = "m/s2"\n' for n, x in enumerate(places))
+    data = data / data.std() + 3e-3 * rng.standard_normal(data.shape)
+    assert suspected(campaign_folder([(0, 1e-2 * data)], head=text)) == []
+    data[:, 3] *= 9.80665
+    assert any("d3 moves" in f for f in check(read_campaign(campaign_folder([(0, 1e-2 * data)], head=text))).findings)
+
+
 def test_of_one_direction_a_support_is_named_beside_the_unit(campaign_folder):
     data, text = mast(0.04, both=False)
     (found,) = suspected(campaign_folder([(0, data)], head=text))
