@@ -331,12 +331,10 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         theirs = np.median([b.delay_std_s[c] for b, good in zip(compared, known, strict=True) if good])
         error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
     away = runaway_clocks(compared, channels)
-    jumps = {c: jump for c, name in enumerate(channels) if name not in away and (jump := _jump(delay[:, c]))}
+    jumps = _clock_jumps(compared, [c for c, name in enumerate(channels) if name not in away])
     late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])
             and channels[c] not in away and c not in jumps]
-    found = [f"suspect: the clock of {channels[c]} jumps by {1e3 * size:+.0f} ms against the median channel in "
-             f"{compared[k].id}, as one that is set: shift its record on one side, or leave the channel out"
-             for c, (k, size) in jumps.items()]
+    found = [f"suspect: the clock of {channels[c]} {text}" for c, text in jumps.items()]
     found += [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.4g} ppm) against "
              f"the median channel, as followed until {last}; beyond {LARGEST_DELAY_S:g} s channels are not compared: "
              "resample it to the others' clock, or leave it out" for name, (drift, last) in away.items()]
@@ -377,20 +375,25 @@ def phase_findings(
                 name in sentence for sentence in mentioned if sentence.startswith("suspect"))]
 
 
-def _jump(values: np.ndarray) -> tuple[int, float] | None:
-    """Where, and by how much, (n,) values, NaN where unknown, jump once rather than follow a line."""
-    known = np.flatnonzero(np.isfinite(values))
-    if len(known) < 6:
-        return None
-    y = values[known]
-    line = np.sum((y - np.polyval(np.polyfit(known, y, 1), known)) ** 2)
-    step = [np.sum((y[:k] - y[:k].mean()) ** 2) + np.sum((y[k:] - y[k:].mean()) ** 2) for k in range(2, len(y) - 1)]
-    at = int(np.argmin(step)) + 2
-    apart = float(np.median(y[at:]) - np.median(y[:at]))
-    # a place in time is one more that is free
-    explained = len(y) * np.log(max(line, 1e-300) / max(min(step), 1e-300)) > 2 * np.log(len(y))
-    return (int(known[at]), apart) if explained and abs(apart) > max(LEAST_DELAY_S, SIGMA * np.sqrt(
-        min(step) / len(y))) else None
+def _clock_jumps(compared: Sequence[ComparedBlock], wanted: Sequence[int]) -> dict[int, str]:
+    """Channel -> what is said of it, of those whose delays jump once rather than follow a line."""
+    found = {}
+    for c in wanted:
+        delay = np.array([b.delay_s[c] for b in compared])
+        known = np.flatnonzero(np.isfinite(delay))
+        y = delay[known]
+        if len(y) < 6:
+            continue
+        line = np.sum((y - np.polyval(np.polyfit(known, y, 1), known)) ** 2)
+        step = [len(y[:k]) * np.var(y[:k]) + len(y[k:]) * np.var(y[k:]) for k in range(2, len(y) - 1)]
+        at, left = int(np.argmin(step)) + 2, max(min(step), 1e-300)
+        apart = float(np.median(y[at:]) - np.median(y[:at]))
+        # a place in time is one more that is free
+        if len(y) * np.log(max(line, 1e-300) / left) > 2 * np.log(len(y)) and abs(apart) > max(
+                LEAST_DELAY_S, SIGMA * np.sqrt(left / len(y))):
+            found[c] = (f"jumps by {1e3 * apart:+.0f} ms against the median channel in {compared[known[at]].id}, as one "
+                        "that is set: shift its record on one side, or leave the channel out")
+    return found
 
 
 def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:
