@@ -331,10 +331,10 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         theirs = np.median([b.delay_std_s[c] for b, good in zip(compared, known, strict=True) if good])
         error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
     away = runaway_clocks(compared, channels)
-    jumps = _clock_jumps(compared, [c for c, name in enumerate(channels) if name not in away])
+    jumps = _clock_jumps(compared, channels, away)
     late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])
-            and channels[c] not in away and c not in jumps]
-    found = [f"suspect: the clock of {channels[c]} {text}" for c, text in jumps.items()]
+            and channels[c] not in {*away, *jumps}]
+    found = [f"suspect: the clock of {name} {text}" for name, text in jumps.items()]
     found += [f"suspect: the clock of {name} drifts by {1e3 * drift:+.0f} ms a day ({drift / 0.0864:+.4g} ppm) against "
              f"the median channel, as followed until {last}; beyond {LARGEST_DELAY_S:g} s channels are not compared: "
              "resample it to the others' clock, or leave it out" for name, (drift, last) in away.items()]
@@ -353,7 +353,7 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         found.append(text)
     if not np.isfinite(error).any():
         return [], None
-    followed = [e for c, e in enumerate(error) if np.isfinite(e) and channels[c] not in away and c not in jumps]
+    followed = [e for c, e in enumerate(error) if np.isfinite(e) and channels[c] not in {*away, *jumps}]
     resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * max(followed, default=0.0))
     apart = [name for name, c in zip(channels, centre, strict=True) if not np.isfinite(c)]
     named = (f" (not {', '.join(apart)}: half of the samples lost, few motions in common, or a phase of its own)"
@@ -375,14 +375,16 @@ def phase_findings(
                 name in sentence for sentence in mentioned if sentence.startswith("suspect"))]
 
 
-def _clock_jumps(compared: Sequence[ComparedBlock], wanted: Sequence[int]) -> dict[int, str]:
-    """Channel -> what is said of it, of those whose delays jump once rather than follow a line."""
+def _clock_jumps(
+    compared: Sequence[ComparedBlock], channels: Sequence[str], away: Collection[str]
+) -> dict[str, str]:
+    """Channel -> what is said of it, of those not `away` whose delays jump once rather than follow a line."""
     found = {}
-    for c in wanted:
+    for c, name in enumerate(channels):
         delay = np.array([b.delay_s[c] for b in compared])
         known = np.flatnonzero(np.isfinite(delay))
         y = delay[known]
-        if len(y) < 6:
+        if len(y) < 6 or name in away:
             continue
         line = np.sum((y - np.polyval(np.polyfit(known, y, 1), known)) ** 2)
         step = [len(y[:k]) * np.var(y[:k]) + len(y[k:]) * np.var(y[k:]) for k in range(2, len(y) - 1)]
@@ -390,9 +392,9 @@ def _clock_jumps(compared: Sequence[ComparedBlock], wanted: Sequence[int]) -> di
         apart = float(np.median(y[at:]) - np.median(y[:at]))
         # a place in time is one more that is free
         if len(y) * np.log(max(line, 1e-300) / left) > 2 * np.log(len(y)) and abs(apart) > max(
-                LEAST_DELAY_S, SIGMA * np.sqrt(left / len(y))):
-            found[c] = (f"jumps by {1e3 * apart:+.0f} ms against the median channel in {compared[known[at]].id}, as one "
-                        "that is set: shift its record on one side, or leave the channel out")
+                LEAST_DELAY_S, 2 * SIGMA * np.sqrt(left / len(y))):
+            found[name] = (f"jumps by {1e3 * apart:+.0f} ms against the median channel in {compared[known[at]].id}, as "
+                           "one that is set: shift its record on one side, or leave the channel out")
     return found
 
 
