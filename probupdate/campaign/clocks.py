@@ -144,7 +144,9 @@ def far_delays(data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], want
             if size.max() > 2 * SIGMA * np.sqrt(np.mean(size**2)):
                 each.append(lag[int(np.argmax(size))] / rate_hz)
         middle = float(np.median(each)) if each else np.nan
-        if 2 * np.sum(np.abs(np.array(each) - middle) < LARGEST_DELAY_S) > len(partners):
+        agree = np.abs(np.array(each) - middle) < LARGEST_DELAY_S
+        # what is nearer, and has no delay, has a phase of its own
+        if 2 * agree.sum() > len(partners) and abs(middle) > LARGEST_DELAY_S:
             found[i] = middle
     return found
 
