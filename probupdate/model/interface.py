@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.model.parameters import Parameters
 
@@ -87,6 +88,10 @@ class Model(Protocol):
 
     def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
         """theta (n, n_param)."""
+        ...
+
+    def stiffness_and_modes(self, theta: np.ndarray, n_mode: int) -> tuple[sparse.csc_array, np.ndarray] | None:
+        """K (n_dof, n_dof) and its mass-normalised modes (n_dof, n_mode); None where the model has no matrices."""
         ...
 
     def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:

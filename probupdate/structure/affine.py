@@ -158,6 +158,9 @@ class AffineModel:
 
         return self._recent_solutions["modes"]((theta.tobytes(), n_mode), solved)
 
+    def stiffness_and_modes(self, theta: np.ndarray, n_mode: int) -> tuple[sparse.csc_array, np.ndarray]:
+        return self.matrices(theta)[0], self.solve_full(theta, n_mode)[1]
+
     @cached_property
     def _recent_solutions(self) -> dict[str, _Recent]:
         return {"modes": _Recent(), "derivatives": _Recent()}

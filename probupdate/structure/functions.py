@@ -102,6 +102,9 @@ class FunctionModel:
             fallback=np.zeros(len(rows), bool),
         )
 
+    def stiffness_and_modes(self, theta: np.ndarray, n_mode: int) -> None:
+        return None
+
     def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
         return None
 

@@ -198,6 +198,9 @@ class ReducedModel:
         blocks = tuple(block.truncate(size) for block in self.blocks if block.rows[0] < size)
         return replace(self, basis=self.basis[:, :size], blocks=blocks)
 
+    def stiffness_and_modes(self, theta: np.ndarray, n_mode: int) -> tuple[sparse.csc_array, np.ndarray]:
+        return self.full.stiffness_and_modes(theta, n_mode)
+
     def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
         return self.full.wireframe(theta, n_mode)
 

@@ -19,17 +19,14 @@ from scipy import linalg
 from probupdate.errors import InputError
 from probupdate.model.uncertainty import marginal_root
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.error_states import FREQUENCY, SHAPE, ErrorOrigins
 from probupdate.updating.settings import CONSTANTS
 
-# of an unknown's name
-FREQUENCY, SHAPE = "frequency", "shape"
 # a frequency farther than this factor from the baseline's is another structure's, and so is a shape of less MAC
 FAR, ALIKE = 1.5, CONSTANTS.settling_mac
-# singular values below this share of the largest are none
-NONE = 1e-10
 # of a stored error, by the number of their columns
 ARRAYS = ("measured", "value", "mean", "left", "centre")
-TABLES = {"matrix": "names", "covariance": "names", "slope": "parameters", "spread": "parameters"}
+TABLES = {"covariance": "names", "slope": "parameters", "spread": "parameters"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +50,12 @@ class Rows:
         if len(stacked) > stacked.shape[1]:
             stacked = np.linalg.qr(stacked)[1]
         return replace(self, matrix=stacked[:, :n], slope=stacked[:, n:-1], value=stacked[:, -1])
+
+    def placed(self, start: int, n: int) -> Rows:
+        """Of n unknowns, of which these are some from number `start` on."""
+        matrix = np.zeros((len(self.value), n))
+        matrix[:, start : start + self.matrix.shape[1]] = self.matrix
+        return replace(self, matrix=matrix)
 
     def marginal(self, centre: np.ndarray, covariance: np.ndarray, kept: Sequence[str] = ()) -> Rows:
         """With theta ~ N(centre, covariance) integrated out, but for the parameters kept."""
@@ -107,6 +110,7 @@ class LearntError:
     tolerances: bool
     names: tuple[tuple[str, ...], ...]
     measured: np.ndarray
+    origins: tuple[ErrorOrigins, ...]
     matrix: np.ndarray
     value: np.ndarray
     parameters: tuple[str, ...]
@@ -124,9 +128,10 @@ class LearntError:
         table = asdict(self)
         del table["source"]
         # the covariance and the rows are most of a file
-        plain = {k: [[float(f"{x:.9g}") for x in row] for row in table[k].tolist()] for k in TABLES}
+        plain = {k: [[float(f"{x:.9g}") for x in row] for row in table[k].tolist()] for k in ("matrix", *TABLES)}
         left = [x if np.isfinite(x) else None for x in self.left.tolist()]
-        return table | {k: table[k].tolist() for k in ARRAYS} | plain | {"left": left}
+        origins = [state.to_table() for state in self.origins]
+        return table | {k: table[k].tolist() for k in ARRAYS} | plain | {"left": left, "origins": origins}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], source: str = "") -> LearntError:
@@ -134,7 +139,9 @@ class LearntError:
         n, n_param = len(table["names"]), len(table["parameters"])
         arrays = {k: np.array([np.nan if x is None else x for x in table[k]], float) for k in ARRAYS}
         arrays |= {k: np.array(table[k], float).reshape(-1, len(table[columns])) for k, columns in TABLES.items()}
-        found = cls(**{**table, **{k: frozen_array(v) for k, v in arrays.items()}, "source": source,
+        origins = tuple(ErrorOrigins.from_table(state) for state in table["origins"])
+        arrays["matrix"] = np.array(table["matrix"], float).reshape(-1, sum(len(one.effect) for one in origins))
+        found = cls(**{**table, **{k: frozen_array(v) for k, v in arrays.items()}, "source": source, "origins": origins,
                        "names": tuple(tuple(name) for name in table["names"]),
                        **{k: tuple(table[k]) for k in ("states", "data", "parameters")},
                        "scales": {k: tuple(v) for k, v in table["scales"].items()}})
@@ -143,10 +150,11 @@ class LearntError:
         kinds = {FREQUENCY: 2, SHAPE: 4}
         named = all(name and kinds.get(name[0]) == len(name) for name in found.names)
         rows = len(found.matrix) == len(found.slope) == len(found.value)
-        if any(size != (n,) for size in sizes) or not (rows and named and of_parameters):
+        if any(size != (n,) for size in sizes) or len(origins[-1].effect) != n or not (
+                rows and named and of_parameters):
             raise ValueError("parts of the model's error do not fit one another")
         hz = [x for name, x in zip(found.names, found.measured, strict=True) if name[0] == FREQUENCY]
-        numbers = (getattr(found, k) for k in (*ARRAYS, *TABLES) if k != "left")
+        numbers = (getattr(found, k) for k in (*ARRAYS, *TABLES, "matrix") if k != "left")
         if not all(np.all(np.isfinite(part)) for part in numbers) or min(hz, default=1.0) <= 0:
             raise ValueError("the model's error holds what is not a number, or a frequency that is not positive")
         return found
@@ -180,28 +188,7 @@ class Unknowns:
                 raise InputError("common", f"'{name}' is no parameter of baseline {known.source}".rstrip(),
                                  f"give some of {', '.join(known.parameters)}")
         every = Rows(value=known.value, matrix=known.matrix, slope=known.slope, parameters=known.parameters)
-        own = every.marginal(known.centre, known.spread, common)
-        turn = self._turn(known)
-        used = np.any(turn, axis=1)
-        # what is not compared any more may be anything
-        rest = own.matrix[:, ~used]
-        size = np.linalg.norm(rest, axis=0)
-        kept = linalg.null_space((rest[:, size > 0] / size[size > 0]).T, rcond=NONE) if np.any(size > 0) else (
-            np.eye(len(own.value)))
-        return replace(own, matrix=kept.T @ own.matrix @ turn, value=kept.T @ own.value, slope=kept.T @ own.slope)
-
-    def _turn(self, known: LearntError) -> np.ndarray:
-        """Its unknowns (n_known, n) from these responses' errors."""
-        turn = np.zeros((len(known.names), len(self.names)))
-        for k, j in self.common_frequencies(known):
-            turn[j, k] = 1 / self.unit[k]
-        for _, own, theirs in self.common_shapes(known):
-            # their basis is this one turned and scaled, and so are the errors of both
-            back = np.linalg.lstsq(self.measured[own], known.measured[theirs], rcond=None)[0]
-            for to in range(back.shape[1]):
-                for of in range(len(back)):
-                    turn[theirs[:, to], own[:, of]] = back[of, to]
-        return turn
+        return every.marginal(known.centre, known.spread, common)
 
     def common_frequencies(self, known: LearntError) -> list[tuple[int, int]]:
         """Numbers of each here and in the baseline."""
@@ -217,19 +204,13 @@ class Unknowns:
         found = [(modes, np.array(list(channels.values()))) for modes, channels in groups.items()]
         return [(modes, each[..., 0], each[..., 1]) for modes, each in found if each.shape[0] >= each.shape[1]]
 
-    def used_words(self, known: LearntError) -> str:
-        """What of a baseline is used, and what not."""
-        used = np.any(self._turn(known), axis=1)
-        parts: dict[str, list[bool]] = {}
-        for name, there in zip(known.names, used, strict=True):
-            parts.setdefault(name[1] if name[0] == FREQUENCY else f"shape of {name[1]}", []).append(bool(there))
-        whole = [what for what, there in parts.items() if all(there)]
-        some = [f"{what} at {sum(there)} of {len(there)} channels" for what, there in parts.items()
-                if any(there) and not all(there)]
-        nothing = [what for what, there in parts.items() if not any(there)]
-        text = (f"baseline {known.source or known.model}: the model's error as {', '.join(known.states)} showed it, of "
-                f"{', '.join([*whole, *some])}")
-        return text + (f"; not used, as these data do not compare it: {', '.join(nothing)}" if nothing else "")
+    def used_words(self, known: LearntError, covariance: np.ndarray) -> str:
+        """What of a baseline is used, by the covariance of its last state's errors and these, in this order."""
+        root, n = np.sqrt(np.diag(covariance)), len(known.names)
+        alike = [f"{self.names[k][1]} {covariance[j, n + k] / (root[j] * root[n + k]):.3f}"
+                 for k, j in self.common_frequencies(known)]
+        return (f"baseline {known.source or known.model}: the model's error as {', '.join(known.states)} showed it; "
+                f"its correlation with the one here, by how modes turned: {', '.join(alike)}")
 
 
 def _refuse_other(own: Unknowns, known: LearntError) -> None:
@@ -271,6 +252,10 @@ def join_baselines(known: Sequence[LearntError], own: Unknowns, common: Sequence
                 raise InputError(f"baseline {one.source}", f"holds a state that {seen[data]} holds too",
                                  "a run that was given a baseline holds it already: give the last one alone")
             seen[data] = one.source or one.model
-    first, *others = [own.rows_of(one, common) for one in known]
-    return first.stack_below(others)
-
+    rows, start = [], 0
+    before = sum(one.matrix.shape[1] for one in known)
+    for one in known:
+        found = own.rows_of(one, common)
+        rows.append(found.placed(start, before + len(own.names)))
+        start += one.matrix.shape[1]
+    return rows[0].stack_below(rows[1:])

@@ -189,11 +189,12 @@ def estimate_discrepancy(
         progress("model discrepancy", step + 1, 3)
         known = replace(problem, weights=replace(problem.weights, **baseline)).with_baseline()
         start = maximum_a_posteriori(known, [start]).theta
-        if weights.at is None and problem.mixing is not None:
-            # modes mix where they are, not where the initial model has them
+        if weights.at is None or weights.baseline:
+            # modes mix and turn where they are, not where the initial model has them
             plain = replace(plain, at=_place(model, start))
-            problem = problem.with_mixing(np.array(plain.at))
-        chosen = _learnt(problem, start, plain, known.known)
+            problem = build_problem(model, data, set_id=set_id, weights=replace(problem.weights, at=plain.at),
+                                    clusters=clusters)
+        chosen = _learnt(problem, start, plain, known)
         problem = build_problem(model, data, set_id=set_id, weights=replace(chosen, scales=()), clusters=clusters)
     progress("model discrepancy", 3, 3)
     return replace(chosen, **baseline)
@@ -212,14 +213,14 @@ def _refuse_unexplained(problem: Problem, model: Model, data: ModalData, start: 
     raise error if likely is None else with_mistake(error, likely)
 
 
-def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Rows | None) -> Weights:
-    """Nodes over the scales about the maximum theta (n_param,), and the numbers that stand for them; known: what a
-    baseline says of the error."""
+def _learnt(problem: Problem, theta: np.ndarray, plain: Weights, known: Problem) -> Weights:
+    """Nodes over the scales about the maximum theta (n_param,), and the numbers that stand for them; known: the same
+    with a baseline, where there is one."""
     as_they_are = Coordinates(logarithmic=np.zeros(len(theta), bool), scale=problem.parameters.std)
     error = shared_error([problem], theta[None], as_they_are, alone=True)
     found = learn_scales(error, _prior_about(problem, theta),
-                         evidence=None if known is None else _evidence(problem, _error_alone(
-                             problem, theta, error_rows(problem, theta).stack_below([known]))))
+                         evidence=None if known.bare is None else _evidence(known.bare, _error_alone(
+                             problem, theta, error_rows(known, theta))))
     scales = tuple(sorted((*node.new, node.shared[2] if problem.mixing is not None else 0.0, node.log_weight)
                           for node in found.nodes))
     frequency, shape, *_, mixing = found.ends
@@ -243,12 +244,17 @@ def _evidence(problem: Problem, rows: Rows) -> Evidence:
 
 
 def error_rows(problem: Problem, theta: np.ndarray) -> Rows:
-    """What the measured responses say of the model's error and of the parameters, linear about theta (n_param,)."""
+    """What the measured responses and a baseline say of the model's errors and of the parameters, linear about theta
+    (n_param,)."""
     bare = problem.bare or problem
     response, slope = bare.sensitivity(theta)
     root = bare.quiet.unmixed_root
-    return Rows(matrix=root, value=root @ (bare.measured - response + slope @ theta), slope=root @ slope,
+    rows = Rows(matrix=root, value=root @ (bare.measured - response + slope @ theta), slope=root @ slope,
                 parameters=problem.parameters.names)
+    if problem.known is None:
+        return rows
+    n = problem.known.matrix.shape[1]
+    return rows.placed(n - root.shape[1], n).stack_below([problem.known])
 
 
 def _error_alone(problem: Problem, theta: np.ndarray, rows: Rows) -> Rows:
@@ -263,7 +269,7 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     bare = problem.bare or problem
     if problem.weights.shapes == "mac" or not np.any(bare.error_covariance):
         return None
-    every = error_rows(problem, theta).stack_below([] if problem.known is None else [problem.known])
+    every = error_rows(problem, theta)
     rows = _error_alone(problem, theta, every)
     centre, precision = _prior_about(problem, theta)
     stated = problem.weights.scales or ((*problem.weights.discrepancies, problem.weights.mixing, 0.0),)
@@ -277,15 +283,20 @@ def learnt_error(problem: Problem, theta: np.ndarray) -> LearntError | None:
     prior = np.einsum("k,kij->ij", share, np.array(priors))
     covariance = np.einsum("k,kij->ij", share, np.array([c for _, c in found]))
     covariance += (share[:, None] * (means - mean)).T @ (means - mean)
-    before = np.diag(prior)
-    left = np.where(before > 1e-9 * before.max(), np.diag(covariance) / np.where(before > 0, before, 1.0), np.nan)
     earlier, own = problem.weights.baseline, bare.unknowns
+    # of all states this one is the last
+    here = slice(-len(own.names), None)
+    mean, covariance, before = mean[here], covariance[here, here], np.diag(prior)[here]
+    unit = np.concatenate([np.ones(every.matrix.shape[1] - len(own.names)), own.unit])
+    left = np.where(before > 1e-9 * before.max(), np.diag(covariance) / np.where(before > 0, before, 1.0), np.nan)
     kinds = ("frequencies", *(("shapes",) if len(own.names) > bare.n_frequency else ()),
              *(("stiffness",) if bare.mixing is not None else ()))
     return LearntError(
         model=problem.model.name, states=(*(s for one in earlier for s in one.states), problem.set_id),
         data=(*(d for one in earlier for d in one.data), own.data), tolerances=own.tolerances, names=own.names,
-        measured=frozen_array(own.measured), matrix=frozen_array(every.matrix * own.unit), left=frozen_array(left),
+        origins=(*(state for one in earlier for state in one.origins), bare.error_origins(
+            theta if problem.weights.at is None else np.array(problem.weights.at))),
+        measured=frozen_array(own.measured), matrix=frozen_array(every.matrix * unit), left=frozen_array(left),
         value=frozen_array(every.value), slope=frozen_array(every.slope), parameters=every.parameters,
         centre=frozen_array(centre), spread=frozen_array(np.linalg.inv(precision)), mean=frozen_array(mean / own.unit),
         covariance=frozen_array(covariance / np.outer(own.unit, own.unit)),

@@ -16,6 +16,12 @@ LEAST_GAP = 0.05
 OWN_CHANGE = 0.5 * np.sqrt(3)
 
 
+def signs_as_mixed(shape: np.ndarray) -> np.ndarray:
+    """(n_mode,) that make the largest components of shapes (n_channel, n_mode) positive: of either sign as solved."""
+    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)[0]
+    return np.where(largest < 0, -1.0, 1.0)
+
+
 def mix_modes(
     solution: ModalSolution, clusters: Sequence[tuple[int, ...]]
 ) -> tuple[tuple[tuple[int, int], ...], ModalSolution]:
@@ -29,9 +35,7 @@ def mix_modes(
     """
     own = {i: number for number, cluster in enumerate(clusters) for i in cluster}
     f, shape = solution.frequency_hz, solution.shape
-    # of either sign as solved
-    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)[0]
-    one_way = shape * np.where(largest < 0, -1.0, 1.0)
+    one_way = shape * signs_as_mixed(shape)
     pairs = tuple((i, j) for i in range(len(f)) for j in range(i, len(f))
                   if (i in own or j in own) and (i == j or own.get(i, -1) != own.get(j, -2)))
     change, own_change = np.zeros((*shape.shape, len(pairs))), np.zeros((len(f), len(pairs)))

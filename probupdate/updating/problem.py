@@ -21,7 +21,19 @@ from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
-from probupdate.updating.baseline import FREQUENCY, SHAPE, Rows, Unknowns, join_baselines
+from probupdate.updating.baseline import Rows, Unknowns, join_baselines
+from probupdate.updating.error_origins import error_origins
+from probupdate.updating.error_states import (
+    FREQUENCY,
+    FREQUENCY_FORM,
+    MIXING,
+    SHAPE,
+    SHAPE_FORM,
+    SOURCE,
+    ErrorOrigins,
+    ErrorStates,
+    join_states,
+)
 from probupdate.updating.images import Images
 from probupdate.updating.mixing import mix_modes
 from probupdate.updating.pairing import paired_modes
@@ -74,8 +86,9 @@ class Problem:
     # misses by its form (`Weights.least_frequency_cov`, `least_shape_std`) counts
     scales: tuple[float, float, float] | None = None
     form: bool = True
-    # with a baseline: what it says of these responses, the part of it in which parameters occur, which are responses
-    # behind the measured ones, the problem without it, and its nodes
+    # with a baseline: the errors of all states, what it says of them, the part of it in which parameters occur, which
+    # are responses behind the measured ones, the problem without it, and its nodes
+    states: ErrorStates | None = None
     known: Rows | None = None
     tied: Rows | None = None
     bare: Problem | None = None
@@ -447,10 +460,30 @@ class Problem:
 
     @property
     def error_covariance(self) -> np.ndarray:
-        """D (n_response, n_response) of all that the model misses, as far as it is seen."""
+        """D (n_response, n_response) of all that the model misses, as far as it is seen; with a baseline of all states,
+        this one last."""
+        if self.states is not None:
+            scales = (*self.weights.discrepancies, self.weights.mixing) if self.scales is None else self.scales
+            return self.states.covariance(scales)
         missed = replace(self, form=self.form and self.form_is_shared).discrepancy_std
         factor = self.aligned @ np.column_stack([np.diag(missed), self.mixing_factor, self.factor])
         return factor @ factor.T
+
+    def error_origins(self, theta: np.ndarray) -> ErrorOrigins:
+        """What the error of the responses is made of, the modes those at theta (n_param,)."""
+        n_mode, n = min(self.matching.n_mode + SEARCH, self.model.n_available), self.n_frequency
+        full = self.model.stiffness_and_modes(theta, n_mode)
+        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode))
+        missed, form = (self.aligned * x for x in (
+            self.unit_discrepancy, self.form_std if self.form and self.form_is_shared else 0.0))
+        effects = {FREQUENCY: missed[:, :n], SHAPE: missed[:, n:], FREQUENCY_FORM: form[:, :n], SHAPE_FORM: form[:, n:],
+                   MIXING: self.aligned @ (missed[:, :0] if self.mixing is None else self.mixing),
+                   SOURCE: self.aligned @ self.factor}
+        return error_origins(
+            self.model.solve(theta, n_mode), list(zip(self.groups, clusters, strict=True)), self.mixed_pairs,
+            {kind: effect / self.unknowns.unit[:, None] for kind, effect in effects.items()},
+            channels=self.model.channels, sources=[source.name for source in self.error_sources],
+            modes=np.zeros((0, n_mode)) if full is None else full[1])
 
     @property
     def quiet(self) -> Problem:
@@ -466,20 +499,26 @@ class Problem:
             raise InputError("baseline", "is of a model's error, and this run states that there is none",
                              "leave --discrepancy out, or give --discrepancy auto")
         known = join_baselines(self.weights.baseline, self.unknowns, self.weights.common)
-        _, free = known.split()
-        nodes = [(log_weight, replace(self, scales=tuple(scales))) for *scales, log_weight in self.weights.scales]
+        at = self.parameters.initial if self.weights.at is None else np.array(self.weights.at)
+        own = self.error_origins(at)
+        states = join_states([
+            *(state for one in self.weights.baseline for state in one.origins),
+            replace(own, effect=own.effect * self.unknowns.unit[:, None])], self.model, at)
+        bare, (_, free) = replace(self, states=states), known.split()
+        nodes = [(log_weight, replace(bare, scales=tuple(scales))) for *scales, log_weight in self.weights.scales]
         given = tuple((log_weight + free.log_evidence(node.error_covariance), node.with_known(known))
                       for log_weight, node in nodes)
-        return replace(self.with_known(known), given=given)
+        return replace(bare.with_known(known), given=given)
 
     def with_known(self, known: Rows) -> Problem:
-        """With the model's error as its posterior given these rows, those in which parameters occur as responses."""
+        """With the errors of all states as their posterior given these rows, those in which parameters occur as
+        responses."""
         tied, free = known.split()
         mean, covariance = free.posterior(self.error_covariance)
         value, vectors = np.linalg.eigh(covariance)
-        factor = vectors * np.sqrt(np.maximum(value, 0.0))
-        error = ResponseError(sources=(), factor=frozen_array(np.vstack([factor, tied.matrix @ factor])),
-                              mean=frozen_array(np.concatenate([self.mean + mean, tied.matrix @ mean])),
+        seen = np.vstack([np.eye(len(mean))[-self.measured.size :], tied.matrix])
+        error = ResponseError(sources=(), factor=frozen_array(seen @ (vectors * np.sqrt(np.maximum(value, 0.0)))),
+                              mean=frozen_array(seen @ mean + np.concatenate([self.mean, np.zeros(len(tied.value))])),
                               theta=self.parameters.initial)
         return replace(self.quiet, error=error, known=known, tied=tied, bare=self)
 

@@ -127,9 +127,14 @@ def deterministic_update(
 
 def _baseline_settings(problem: Problem, error: LearntError | None) -> dict[str, str]:
     """What of earlier states is used, and how much of the model's error all states resolve."""
-    if not problem.weights.baseline or error is None:
+    if problem.bare is None or error is None:
         return {}
-    used = [problem.unknowns.used_words(one) for one in problem.weights.baseline]
+    used, end, n = [], 0, len(problem.unknowns.names)
+    every = problem.bare.error_covariance
+    for one in problem.weights.baseline:
+        end += one.matrix.shape[1]
+        both = [*range(end - len(one.names), end), *range(len(every) - n, len(every))]
+        used.append(problem.unknowns.used_words(one, every[np.ix_(both, both)]))
     resolved = f"share of the model's error (variance) that these states resolve: {error.resolved_words()}"
     common = ", ".join(problem.weights.common)
     counted = f"one number in all states: {common}" if common else (
