@@ -277,7 +277,10 @@ def _followers(name: str, x: np.ndarray, time_h: np.ndarray, bends) -> list[_Can
     span, step = time_h[-1] - time_h[0], float(np.median(np.diff(time_h)))
     widths = np.linspace(0.05, 0.6, N_COARSE) * np.ptp(x)
     found = [_Candidate("hysteresis", name, widths, lambda r: bend(play(x, r)), lambda _: names,
-                        follow=lambda r: play(x, r))]
+                        follow=lambda r: play(x, r)),
+             _Candidate("hysteresis", name, widths, lambda r: np.column_stack([bend(smooth_play(x, r)),
+                                                                              x - smooth_play(x, r)]),
+                        lambda r: (*names, f"{name} within {r:.3g}"), follow=lambda r: smooth_play(x, r))]
     if span > 8 * step:
         found.append(_Candidate(
             "lag", name, np.geomspace(step, span / 6, N_COARSE), lambda tau: np.column_stack([
@@ -321,6 +324,11 @@ def play(x: np.ndarray, width: float) -> np.ndarray:
     for k in range(1, len(x)):
         z[k] = min(max(z[k - 1], x[k] - width / 2), x[k] + width / 2)
     return z
+
+
+def smooth_play(x: np.ndarray, width: float) -> np.ndarray:
+    """Mean of play operators of widths up to `width`: loops of rounded corners (Prandtl and Ishlinskii)."""
+    return np.mean([play(x, part * width) for part in (0.2, 0.4, 0.6, 0.8, 1.0)], axis=0)
 
 
 def find_lone_rows(value: np.ndarray, noise: np.ndarray, base: np.ndarray, limit: float, around: int = 3) -> np.ndarray:

@@ -131,6 +131,26 @@ def test_hysteresis_is_found_with_its_width_and_slope(width, seed):
     assert abs(value + 1e-3) < 4 * std
 
 
+def rounded_loop(amplitude, linear):
+    """Bouc and Wen's law, dz = dx (1 - (1 + sign(z dx)) |z| / (2 amplitude)), beside a linear part."""
+    def effect(time, air, _):
+        fine = np.arange(0, time[-1] + 1e-9, 0.02)
+        x, z = np.interp(fine, time, air), np.zeros(len(fine))
+        for k in range(1, len(x)):
+            dx = x[k] - x[k - 1]
+            z[k] = z[k - 1] + dx * (1 - (1 + np.sign(z[k - 1] * dx)) * abs(z[k - 1]) / (2 * amplitude))
+        return -1e-3 * np.interp(time, fine, linear * x + (1 - linear) * z)
+    return effect
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_hysteresis_of_rounded_loops_is_no_daily_period(seed):
+    fit = drawn(rounded_loop(4.0, 0.4), seed)
+    assert [(s.kind, s.covariate) for s in fit.shapes] == [("hysteresis", "air")]
+    # of large changes, on which z rests at its amplitude; the law is rounder than means of play operators
+    assert slope(fit, "air")[0] == pytest.approx(-0.4e-3, rel=0.5)
+
+
 def test_a_saturation_and_a_daily_period_are_found():
     fit = drawn(lambda t, air, _: -1e-3 * np.minimum(air, 4), 1)
     assert [s.kind for s in fit.shapes] == ["saturation"] and abs(fit.shapes[0].constant - 4) < 1
