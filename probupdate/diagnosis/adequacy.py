@@ -87,7 +87,7 @@ class Residual:
             columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
         return np.concatenate(columns, axis=1)
 
-    def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def share_mean(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """sum_b share_b r_b (m,) of group q and its standard deviation (m,)."""
         weight = self.design.noise.weight[q]
         there = weight > 0
@@ -290,7 +290,7 @@ def _mean_shapes(problem: DiagnosisProblem, fitted: Fit) -> Iterator[tuple[int, 
     left, n_channel = residual_of(fitted, len(problem.updated)), len(problem.blocks.channels)
     for q, w in enumerate(fitted.design.noise.weight):
         if w.any() and n_channel:
-            value, std = left.along(q, left.mean_share(q))
+            value, std = left.share_mean(q, left.mean_share(q))
             n_shape = 2 * n_channel * len(problem.blocks.groups[q])
             yield q, value[-n_shape:], std[-n_shape:]
 
@@ -313,7 +313,7 @@ def frequencies_off(problem: DiagnosisProblem, fitted: Fit) -> list[str]:
     """What to say of the modes whose mean frequency the fit leaves off."""
     left, off = residual_of(fitted, len(problem.updated)), []
     for q, axes in enumerate(problem.predictor.axes):
-        value, std = left.along(q, left.mean_share(q))
+        value, std = left.share_mean(q, left.mean_share(q))
         # of a pair the third number turns its two axes
         worst = max(range(1 if axes.shape[1] == 1 else 2), key=lambda k: abs(value[k]) / std[k])
         if abs(value[worst]) > OFF * std[worst]:

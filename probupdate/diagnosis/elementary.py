@@ -80,12 +80,12 @@ Part = tuple[Effect, Attachment]
 
 def points(wire: Wireframe, most: int = N_POINT) -> np.ndarray:
     """Numbers of the nodes (n,) where parts may sit: where members meet or end, then those farthest from all others."""
-    def joined(barred: bool) -> set[int]:
+    def line_nodes(barred: bool) -> set[int]:
         return {int(k) for line, group in zip(wire.line, wire.line_group, strict=True)
                 if (group in NOT_THERE) == barred for k in line}
 
-    barred = joined(True)
-    used = np.array(sorted(joined(False))) if len(wire.line) else np.arange(len(wire.node_m))
+    barred = line_nodes(True)
+    used = np.array(sorted(line_nodes(False))) if len(wire.line) else np.arange(len(wire.node_m))
     extent = float(np.max(np.ptp(wire.node_m[used], axis=0)))
     clusters: list[list[int]] = []
     for k in used:
@@ -331,11 +331,11 @@ def replaceable_groups(included: Sequence[IncludedEffect]) -> list[tuple[int, ..
     a crosstalk."""
     each = [k for k, n in enumerate(included) if n.exact]
 
-    def at_once(chosen: tuple[int, ...]) -> bool:
+    def coincide(chosen: tuple[int, ...]) -> bool:
         profiles = [included[k].time_profile for k in chosen]
         return all(a.name == b.name and abs(a.at - b.at) <= SAME_TIME for a, b in combinations(profiles, 2))
 
-    return [chosen for count in range(1, len(each) + 1) for chosen in combinations(each, count) if at_once(chosen)]
+    return [chosen for count in range(1, len(each) + 1) for chosen in combinations(each, count) if coincide(chosen)]
 
 
 def _strongest_effect(hypothesis: Hypothesis, numbers: Sequence[int]) -> int:

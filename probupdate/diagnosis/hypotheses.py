@@ -276,7 +276,7 @@ def explore(
     compared, renewed, at_last = Ranking(runs), set(), False
     first = search(problem, null, seed=seed)
 
-    def beside(here: Hypothesis) -> Search:
+    def search_beside(here: Hypothesis) -> Search:
         return search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
 
     known = _explore_first(problem, null, [_first_move(problem, n, first) for n in begun], runs)
@@ -297,7 +297,7 @@ def explore(
                 continue
         here = known[key].with_design(problem)
         progress("diagnosing", min(len(key), most), most + 1)
-        found = searches[key] = beside(here) if key else first
+        found = searches[key] = search_beside(here) if key else first
         add = len(here.candidates) < most and (bool(found.statistic.max() > found.threshold) or found.scores_impossible)
         if not key and not add:
             break
@@ -312,7 +312,7 @@ def explore(
         fit_moves(problem, here.not_asked(), moves, known, noise_anew=large, runs=runs)
     keys, relative = _ordered_at_last(problem, compared, known, renewed)
     last = known[keys[0]] = known[keys[0]].with_design(problem)
-    found = searches.get(keys[0]) or beside(last)
+    found = searches.get(keys[0]) or search_beside(last)
     # what was promised and, fitted, is less probable is none more
     tried = keys[0] in searches and len(keys[0]) < most
     return Exploration(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),

@@ -114,10 +114,10 @@ class LevelReference:
     @property
     def log_density(self) -> float:
         """ln density of what was measured, in its standard deviations."""
-        return self.once.log_density + float(np.sum(np.log(self.once.std)))
+        return self.measured.log_density + float(np.sum(np.log(self.measured.std)))
 
     @cached_property
-    def once(self) -> Once:
+    def measured(self) -> Once:
         std = _numbers([(DISCREPANCY_SHAPE + 1j * DISCREPANCY_PHASE) * s for s in self.scatter])
         return Once(numbers=_numbers(self.shape), std=std, unknowns=self._unknowns())
 
@@ -160,8 +160,8 @@ class LevelReference:
     def score_effect(self, effect: Effect) -> tuple[float, float, float]:
         """Score and information of an effect, and the share of its signature that is left beside what is unknown."""
         signature = self.signature(effect)
-        (u,), ((v,),) = self.once.scores(signature[:, None])
-        raw = float(np.sum((signature / self.once.std) ** 2))
+        (u,), ((v,),) = self.measured.scores(signature[:, None])
+        raw = float(np.sum((signature / self.measured.std) ** 2))
         return float(u), float(v), float(np.sqrt(max(v, 0.0) / raw)) if raw else 0.0
 
     def remove_effect(self, effect: Effect, size: float) -> LevelReference:
@@ -187,7 +187,7 @@ class LevelReference:
         """ln Bayes factor of a structure that is less symmetric and less rigid than is normal, everywhere, at one level
         or at one place: legs without their brace move by themselves."""
         alone = [sum(self.motions.rows, []), *self.motions.rows, *(list(rows) for _, rows in self.motions.places)]
-        each = [self.once.log_wider(self._moving_alone(rows, spread)) for rows in alone for spread in SPREADS]
+        each = [self.measured.log_wider(self._moving_alone(rows, spread)) for rows in alone for spread in SPREADS]
         return float(logsumexp(each) - np.log(len(each)))
 
     def _moving_alone(self, rows: Sequence[int], spread: float) -> np.ndarray:
@@ -296,7 +296,7 @@ def judge_levels(levels: LevelReference, effects: Sequence[Effect], share: float
 def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[Hashable, float]) -> list[PutRight]:
     """The effects that first order, or their only size, promises most of beside those begun with, each put right at the
     size that leaves nothing of it; and each place of sensors with a response of its own."""
-    levels, once = begun.levels, begun.levels.once
+    levels, once = begun.levels, begun.levels.measured
     free = [e for e in effects if e not in begun.effects]
     if not free:
         return []
@@ -320,11 +320,11 @@ def _add_one_effect(begun: PutRight, effects: Sequence[Effect], prior: Mapping[H
 def _correct_effect(begun: PutRight, effect: Effect, log_prior: float) -> PutRight | None:
     """None where the size ends at a bound, or nothing of its signature is left: what was measured asks for something
     else."""
-    def left(size: float) -> tuple[float, float]:
+    def remaining_size(size: float) -> tuple[float, float]:
         score, v, shown = begun.levels.remove_effect(effect, size).score_effect(effect)
         return (score / v, v**-0.5) if shown > LEAST_LEFT else (0.0, np.inf)
 
-    size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left)
+    size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, remaining_size)
     if not np.isfinite(std) or size_at_bound(effect, size):
         return None
     return _add_effect(begun, effect, effect, size, std, log_prior + log_weight_of_size(effect, size, std))
@@ -376,7 +376,7 @@ def _fit_channel_response(begun: PutRight, place: str, rows: tuple[int, ...], lo
         done = _response(place, MeasuredResponse(rows=rows, at_hz=begun.levels.frequency_hz, phase=tuple(value[:n]),
                                                  gain=tuple(value[n:])))
         there = begun.levels.remove_effect(done, 1.0)
-        u, information = there.once.scores(there.lead_response(rows))
+        u, information = there.measured.scores(there.lead_response(rows))
         precision = information + np.diag(2 / (RESPONSE_SCALE**2 + value**2))
         std = np.sqrt(np.diag(np.linalg.inv(precision)))
         step = np.linalg.solve(precision, u - 2 * value / (RESPONSE_SCALE**2 + value**2))

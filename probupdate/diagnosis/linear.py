@@ -189,13 +189,13 @@ class Design:
 
     def select_blocks(self, chosen: np.ndarray) -> Design:
         """The design of only the blocks numbered `chosen`."""
-        def of(profile: TimeProfile) -> TimeProfile:
+        def thin(profile: TimeProfile) -> TimeProfile:
             return replace(profile, value=profile.value[chosen])
 
         return replace(self, bin_of=self.bin_of[chosen], noise=self.noise.select_blocks(chosen),
-                       time_profiles=tuple(map(of, self.time_profiles)),
-                       included=tuple((effect, of(profile), std) for effect, profile, std in self.included),
-                       model_errors=tuple((of(profile), spread) for profile, spread in self.model_errors))
+                       time_profiles=tuple(map(thin, self.time_profiles)),
+                       included=tuple((effect, thin(profile), std) for effect, profile, std in self.included),
+                       model_errors=tuple((thin(profile), spread) for profile, spread in self.model_errors))
 
     def without_signatures(self) -> Design:
         """The design without signatures, and without what it was asked for."""

@@ -90,11 +90,11 @@ class Noise:
 
     def of_groups(self, numbers: Sequence[int]) -> Noise:
         """Of only these groups."""
-        def of(rows: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        def pick(rows: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
             return tuple(rows[q] for q in numbers) if rows else ()
 
-        return replace(self, covariance=of(self.covariance), precision=of(self.precision), weight=of(self.weight),
-                       degrees=of(self.degrees), stray=of(self.stray), free=of(self.free))
+        return replace(self, covariance=pick(self.covariance), precision=pick(self.precision), weight=pick(self.weight),
+                       degrees=pick(self.degrees), stray=pick(self.stray), free=pick(self.free))
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much standard deviations may truly be larger: one factor for all responses
@@ -296,14 +296,14 @@ def _excess_variance(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -
     if len(rows) < 4:
         return result
 
-    def apart(a, b):
+    def scaled_distance(a, b):
         d = (y[a] - y[b]) / np.sqrt(1 / weight[a] + 1 / weight[b])[:, None]
         return np.einsum("ni,ij,nj->n", d, precision, d) / m
 
     excess = np.full(len(rows), np.inf)
     # a sound one between two strays is near the next ones
     for step in (1, 2):
-        between = apart(rows[:-step], rows[step:])
+        between = scaled_distance(rows[:-step], rows[step:])
         for one in (excess[:-step], excess[step:]):
             np.minimum(one, between, out=one)
     # of two blocks one is wrong: half of the difference's variance would be the other's

@@ -223,11 +223,12 @@ class DiagnosisProblem:
 
     def select_blocks(self, chosen: np.ndarray) -> DiagnosisProblem:
         """The problem of only the blocks numbered `chosen`."""
-        def of(profile: TimeProfile) -> TimeProfile:
+        def thin(profile: TimeProfile) -> TimeProfile:
             return replace(profile, value=frozen_array(profile.value[chosen]))
 
-        return replace(self, blocks=self.blocks.select_blocks(chosen), time_profiles=tuple(map(of, self.time_profiles)),
-                       unrecorded=tuple((j, of(profile), std) for j, profile, std in self.unrecorded))
+        return replace(self, blocks=self.blocks.select_blocks(chosen),
+                       time_profiles=tuple(map(thin, self.time_profiles)),
+                       unrecorded=tuple((j, thin(profile), std) for j, profile, std in self.unrecorded))
 
     @property
     def effects_with_tolerance(self) -> tuple[int, ...]:

@@ -86,7 +86,7 @@ class _AtOwnSizes:
             self.design.misfits(tuple(y - c for y, c in zip(left, self.centre, strict=True)), []))
 
     @cached_property
-    def before(self) -> float:
+    def included_surprise(self) -> float:
         return float(self.surprise([self.included])[0])
 
     def at_best_size(self, t: TriedCandidate) -> TriedCandidate:
@@ -95,7 +95,7 @@ class _AtOwnSizes:
         sizes = _candidate_sizes(effect, t.size) if effect.observe is None else sizes_of(effect)
         if not sizes:
             return t
-        gain = self.before - self.surprise(
+        gain = self.included_surprise - self.surprise(
             [(*self.included, IncludedEffect(effect=effect, time_profile=t.time_profile, size=s)) for s in sizes])
         best = int(np.argmax(gain))
         return replace(t, size=sizes[best], gain=float(gain[best]), whole=True)
@@ -326,17 +326,17 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
         if n.time_profile.kind != "step":
             continue
 
-        def left(time_profile: TimeProfile, design=fitted.design, n=n, i=i) -> float:
+        def misfit_at(time_profile: TimeProfile, design=fitted.design, n=n, i=i) -> float:
             tried = [*included[:i], replace(n, time_profile=time_profile), *included[i + 1 :]]
             residuals = residuals_at(problem, fitted.theta, tried, answers)
             return design.misfit(kept_columns(residuals, noise), held)
 
         # where two leave the same the one that is there
         there = step_profile(len(problem.blocks), n.time_profile.at)
-        best = min([there, *_steps_between_neighbours(problem, n.time_profile)], key=left)
+        best = min([there, *_steps_between_neighbours(problem, n.time_profile)], key=misfit_at)
         # a block between both states is far from both its neighbours, which a share of the step may explain
         counted = replace(fitted.design, noise=noise.with_usual_weights((best.at - 1, best.at)))
-        remaining = partial(left, design=counted)
+        remaining = partial(misfit_at, design=counted)
         # what has one size only has no share of it
         within = best if n.effect.discrete else _step_within_block(best, remaining)
         included[i] = replace(n, time_profile=within if remaining(within) < remaining(best) - WITHIN else best)

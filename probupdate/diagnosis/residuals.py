@@ -118,7 +118,7 @@ def _modes(both: Sequence[Residual], words: Sequence[Words]) -> list[dict]:
     """ln f, or the tensor of a pair, of every group: residual in per cent, standard deviation expected of it, z."""
     rows = []
     for q, word in enumerate(words):
-        states_of = [r.along(q, r.mean_share(q)) for r in both]
+        states_of = [r.share_mean(q, r.mean_share(q)) for r in both]
         for i, name in enumerate(word.names):
             rows.append({"mode": name, "percent": [_three(100 * v[i]) for v, _ in states_of],
                          "expected_percent": [_three(100 * s[i]) for _, s in states_of],
@@ -133,7 +133,7 @@ def _channels(both: Sequence[Residual], problem: DiagnosisProblem) -> list[dict]
     n_channel = len(blocks.channels)
     rows = []
     for q, group in enumerate(blocks.groups):
-        states_of = [r.along(q, r.mean_share(q)) for r in both]
+        states_of = [r.share_mean(q, r.mean_share(q)) for r in both]
         n_log = states_of[0][0].size - 2 * n_channel * len(group)
         for half, part in enumerate(("in phase", "out of phase")):
             for k, mode in enumerate(group):
@@ -215,7 +215,7 @@ def _drawn_residuals(
         largest = np.zeros(len(labels))
         for time_profile in problem.time_profiles:
             if time_profile.kind != "constant":
-                value, std = both[0].along(q, slope_share(both[0], q, time_profile.value))
+                value, std = both[0].share_mean(q, slope_share(both[0], q, time_profile.value))
                 largest = np.maximum(largest, np.abs(value / std))
         moved += [(q, i, _shape_name(problem, q, i, len(word.names)), float(largest[i]))
                   for i in range(len(word.names), len(labels))]
@@ -290,7 +290,7 @@ def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
 
 def _tables(both: Sequence[Residual], masks: Sequence[np.ndarray]):
     """[state][group] -> per chunk (value (m,), std (m,)) or None."""
-    return [[[None if (share := chunk_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
+    return [[[None if (share := chunk_share(r, q, mask)) is None else r.share_mean(q, share) for mask in masks]
              for q in range(len(r.left))] for r in both]
 
 
@@ -315,7 +315,7 @@ def _covariates(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequ
         tables = _tables(both, masks)
         series = []
         for q, word in enumerate(words):
-            slopes = [r.along(q, slope_share(r, q, values)) for r in both]
+            slopes = [r.share_mean(q, slope_share(r, q, values)) for r in both]
             series += [
                 {"name": name, **_series(tables, q, i, len(both)), "slope_z": [_two(v[i] / s[i]) for v, s in slopes],
                  "slope_percent": [_three(100 * v[i]) for v, _ in slopes]}

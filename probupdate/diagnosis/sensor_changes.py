@@ -133,14 +133,14 @@ def _correct_effect(
     """None where the size ends at a bound: what was measured asks for something else."""
     value = case.profile.value
 
-    def left(size: float) -> tuple[float, float]:
+    def remaining_size(size: float) -> tuple[float, float]:
         now = correct_blocks(begun.blocks, effect, size * value)
         empirical = look(now, case.sensors, value)
         then = seen.with_residuals(residuals(empirical, case.known), empirical.used)
         found, std = sizes(then.along, then.directions.turn @ signatures([effect], empirical))
         return float(found[0, 0]), float(std[0, 0])
 
-    size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, left, start)
+    size, std = (effect.discrete[0], 0.0) if effect.discrete else size_by_secant(effect, remaining_size, start)
     if not np.isfinite(std) or size_at_bound(effect, size):
         return None
     odds = log_prior_of_effects(case.catalogue, "step")[case.catalogue.index(effect)]

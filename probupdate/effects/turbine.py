@@ -252,14 +252,14 @@ def _largest_corrosion(d: Offshore) -> float:
     low = {p.name: p.lower if p.update else p.initial for p in d.parameter}
     own = max((p.upper if p.update else p.initial for p in d.parameter if p.name == "corr"), default=0.0)
 
-    def left(entry, letter: str) -> float:
+    def wall_left(entry, letter: str) -> float:
         return entry.thickness_m * low.get(f"t_{letter}", d.values.get(f"t_{letter}", 1.0)) - own
 
     if isinstance(d, OnJacket):
         band = [bay for bay in d.jacket.bay if bay.bottom_m <= d.corrosion.top_m and bay.top_m >= d.corrosion.bottom_m]
-        walls = [left(d.jacket.leg, "l") / 2, *(left(bay.brace, "b") for bay in band)]
+        walls = [wall_left(d.jacket.leg, "l") / 2, *(wall_left(bay.brace, "b") for bay in band)]
     else:
-        walls = [left(tube, "") for tube in _tubes_of_splash_zone(d)]
+        walls = [wall_left(tube, "") for tube in _tubes_of_splash_zone(d)]
     return 0.9 * max(min(walls), 0.0)
 
 

@@ -238,7 +238,7 @@ def _prepare_record(
     said = f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}"
     if lossy is None:
         return WholeRecord(data=cleaned.record, target_hz=target), (said,)
-    return lossy.less(thin - cleaned.record), (said, BRIDGED)
+    return lossy.without_part(thin - cleaned.record), (said, BRIDGED)
 
 
 def _identify_record(

@@ -60,22 +60,22 @@ def without_harmonics(
         raise InputError("record", "is not a table or holds NaN", "fill short gaps first")
     low, high = speed_range_rpm
 
-    def left(reason: str) -> HarmonicRemoval:
+    def leave_record(reason: str) -> HarmonicRemoval:
         return HarmonicRemoval(record=frozen_array(record), followed=False, reason=reason, removed={}, gain={},
                                speed_rpm=frozen_array(np.full(len(record), np.nan)))
 
     if not (np.isfinite([low, high]).all() and low <= high):
-        return left("no rotor speed")
+        return leave_record("no rotor speed")
     if low < LEAST_RPM:
-        return left(f"the rotor stood or idled: {low:.1f} rpm")
+        return leave_record(f"the rotor stood or idled: {low:.1f} rpm")
     if len(record) < 10 * FRAME_S * rate_hz:
-        return left(f"the record is shorter than {10 * FRAME_S:g} s")
+        return leave_record(f"the record is shorter than {10 * FRAME_S:g} s")
     low, high = low * (1 - tolerance) / 60, high * (1 + tolerance) / 60
     reach = 0.45 * rate_hz
     used = tuple(n for n in multiples if n * high < reach)
     others = tuple(n for n in used if n not in (line, 1))
     if line not in used or not others:
-        return left(f"{line}P and another multiple do not both lie below {reach:.2f} Hz")
+        return leave_record(f"{line}P and another multiple do not both lie below {reach:.2f} Hz")
     coarse = _coarse_speed(record, rate_hz, low, high, (line, *others))
     # of the smoothings the one by which the others go best
     angles = [_angle(record, rate_hz, coarse, line, smooth_s) for smooth_s in SMOOTH_S]
@@ -84,7 +84,7 @@ def without_harmonics(
     gain = {n: _gain(record, rate_hz, angle, speed, n) for n in used}
     if not any(gain[n] >= LEAST_GAIN for n in others):
         best = max(others, key=lambda n: gain[n])
-        return left(f"the angle estimated from {line}P does not predict {best}P (gain {gain[best]:.1f})")
+        return leave_record(f"the angle estimated from {line}P does not predict {best}P (gain {gain[best]:.1f})")
     taken = tuple(n for n in used if gain[n] >= LEAST_GAIN)
     columns = [_columns(angle, speed, n) for n in taken]
     coefficient, *_ = np.linalg.lstsq(np.hstack(columns), record, rcond=None)

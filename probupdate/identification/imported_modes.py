@@ -112,15 +112,15 @@ def _judge_poles(block: BlockOfPoles, physical: PhysicalModes, settings: Classif
 def _modal_set(block: BlockOfPoles, choice: Choice, tables: PoleTables) -> ModalSet:
     there, taken = choice.pole >= 0, np.maximum(choice.pole, 0)
 
-    def of(values: np.ndarray) -> np.ndarray:
+    def pick(values: np.ndarray) -> np.ndarray:
         return np.where(there, values[taken], np.nan) if len(values) else np.full(len(taken), np.nan)
 
     shape = np.full((len(tables.channels), len(taken)), np.nan + 0j)
     shape[:, there] = unit_largest(block.shape[:, choice.pole[there]])
     environment = {"block_minutes": tables.block_minutes} if np.isfinite(tables.block_minutes) else {}
     return ModalSet(
-        id=block.id, frequency_hz=of(block.frequency_hz), damping_ratio=of(block.damping_ratio), shape=shape,
-        frequency_std_hz=of(block.frequency_std_hz), damping_ratio_std=of(block.damping_ratio_std),
+        id=block.id, frequency_hz=pick(block.frequency_hz), damping_ratio=pick(block.damping_ratio), shape=shape,
+        frequency_std_hz=pick(block.frequency_std_hz), damping_ratio_std=pick(block.damping_ratio_std),
         shape_std=np.full(shape.shape, np.nan), environment=environment)
 
 

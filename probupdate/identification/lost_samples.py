@@ -104,7 +104,7 @@ class LossyRecord:
         """(n_sample, n_channel) at target_hz with straight lines over gaps: good for following a rotor's angle."""
         return resample(fill_short_gaps(self.data, len(self.data))[0], self.rate_hz, self.target_hz)
 
-    def less(self, part: np.ndarray) -> LossyRecord:
+    def without_part(self, part: np.ndarray) -> LossyRecord:
         """Without a part (n_sample, n_channel) that was found at target_hz and is slow beside it."""
         from scipy import signal
 

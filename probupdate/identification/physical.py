@@ -361,12 +361,12 @@ class _Persistence:
         for mine in [part for one in clusters for part in _split_cluster(candidates.select(rows), one)]:
             inside = candidates.select(rows[mine])
             weight = _block_weight(inside, self.n_block)
-            if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
+            if (self.is_persistent(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
                     and _is_steady(inside, self.block_seconds)):
                 found.append(_cluster(candidates, rows[mine], float(weight.sum())))
         return found
 
-    def often(self, weight: np.ndarray) -> bool:
+    def is_persistent(self, weight: np.ndarray) -> bool:
         return bool(weight.sum() >= self.settings.needed_blocks(self.n_block)) or any(
             weight[[one == name for one in self.state]].sum() >= self.settings.needed_blocks(n)
             for name, n in self.count.items())

@@ -67,14 +67,14 @@ class ReferenceModes:
         chosen = [int(i) for i in chosen]
         place = {old: new for new, old in enumerate(chosen)}
 
-        def moved(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+        def renumber(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
             return tuple((place[i], place[j]) for i, j in pairs if i in place and j in place)
 
         names = tuple(str(k + 1) for k in range(len(chosen))) if number else tuple(self.labels[i] for i in chosen)
         return ReferenceModes(
             labels=labels or names, frequency_hz=self.frequency_hz[chosen], shape=self.shape[:, chosen],
-            pairs=tuple(sorted((min(pair), max(pair)) for pair in moved(self.pairs))),
-            turning=moved(self.turning or ()),
+            pairs=tuple(sorted((min(pair), max(pair)) for pair in renumber(self.pairs))),
+            turning=renumber(self.turning or ()),
             range_hz=None if self.range_hz is None else self.range_hz[chosen])
 
     def joined(self, others: ReferenceModes) -> ReferenceModes:

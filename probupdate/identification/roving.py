@@ -299,16 +299,16 @@ def _alike_at_references(
 def _select_modes(mean: _Mean, columns: list[int]) -> _Mean:
     there = np.array(columns, int)
 
-    def taken(value: np.ndarray, axis: int = 0) -> np.ndarray:
+    def pick(value: np.ndarray, axis: int = 0) -> np.ndarray:
         picked = np.array(np.take(value, np.maximum(there, 0), axis=axis))
         index: list = [slice(None)] * picked.ndim
         index[axis] = there < 0
         picked[tuple(index)] = 0 if picked.dtype.kind == "i" else np.nan
         return picked
 
-    return _Mean(ln_frequency=taken(mean.ln_frequency), damping=taken(mean.damping), shape=taken(mean.shape, 1),
-                 d_ln_frequency=taken(mean.d_ln_frequency), d_damping=taken(mean.d_damping),
-                 d_shape=taken(mean.d_shape, 1), count=taken(mean.count))
+    return _Mean(ln_frequency=pick(mean.ln_frequency), damping=pick(mean.damping), shape=pick(mean.shape, 1),
+                 d_ln_frequency=pick(mean.d_ln_frequency), d_damping=pick(mean.d_damping),
+                 d_shape=pick(mean.d_shape, 1), count=pick(mean.count))
 
 
 def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:

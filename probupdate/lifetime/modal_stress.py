@@ -60,13 +60,13 @@ class ModalStress:
         slowness, turned = np.linalg.eigh(shapes.T @ shapes)
         W = shapes @ (turned / np.sqrt(slowness))
 
-        def both(rows: np.ndarray) -> np.ndarray:
+        def project(rows: np.ndarray) -> np.ndarray:
             return np.hstack([rows[..., :slow], rows[..., slow:] @ W])
 
         return replace(
-            self, value=np.concatenate([self.value[:slow], 1 / slowness]), U=both(self.U), hub=both(self.hub),
-            ratio=np.concatenate([self.ratio[:slow], np.full(len(slowness), self.ratio[slow])]), RK=both(self.RK),
-            RM=both(self.RM)).set_damping({})
+            self, value=np.concatenate([self.value[:slow], 1 / slowness]), U=project(self.U), hub=project(self.hub),
+            ratio=np.concatenate([self.ratio[:slow], np.full(len(slowness), self.ratio[slow])]), RK=project(self.RK),
+            RM=project(self.RM)).set_damping({})
 
     def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""

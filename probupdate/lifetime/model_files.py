@@ -267,14 +267,14 @@ def _toml_model(
 
 def _with_values(raw: Mapping, values: Mapping[str, float], tolerances: Sequence[dict]) -> dict:
     """A TOML's content with a draw as initial values, its tolerances behind; `cov` becomes the std it stood for."""
-    def moved(p: Mapping) -> Mapping:
+    def with_value(p: Mapping) -> Mapping:
         if p.get("name") not in values:
             return p
         kept = {key: v for key, v in p.items() if key != "cov"}
         std = {"std": float(p["cov"]) * abs(float(p["initial"]))} if "cov" in p else {}
         return kept | std | {"initial": float(values[p["name"]])}
 
-    own = [moved(p) for p in raw["parameter"]] if "parameter" in raw else []
+    own = [with_value(p) for p in raw["parameter"]] if "parameter" in raw else []
     return dict(raw) | ({"parameter": [*own, *tolerances]} if own or tolerances else {})
 
 

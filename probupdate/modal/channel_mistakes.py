@@ -107,20 +107,20 @@ def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> l
     """Every change, the first: none."""
     as_is = np.arange(len(channels))
 
-    def of(changed: np.ndarray, odds: float, names=(), order=as_is, own: int | None = None) -> _Change:
+    def judge(changed: np.ndarray, odds: float, names=(), order=as_is, own: int | None = None) -> _Change:
         log, mean = _evidence(changed[order], clusters, model, own)
         return _Change(log=log + np.log(odds), mac=mean, order=order, channels=names)
 
     n, pairs = len(channels), list(combinations(_channels_tried(shape, clusters, model), 2))
-    found = [of(shape, 1.0)]
+    found = [judge(shape, 1.0)]
     for i in as_is:
-        found += [of(_reverse_channel(shape, i), REVERSED / n, (channels[i],)), of(shape, OWN_MOTION / n, own=i)]
-    found += [of(shape, EXCHANGED / len(pairs), (channels[i], channels[j]), _exchange_channels(as_is, i, j))
+        found += [judge(_reverse_channel(shape, i), REVERSED / n, (channels[i],)), judge(shape, OWN_MOTION / n, own=i)]
+    found += [judge(shape, EXCHANGED / len(pairs), (channels[i], channels[j]), _exchange_channels(as_is, i, j))
               for i, j in pairs]
 
     def ordered(order: np.ndarray) -> _Change:
         names = tuple(channels[k] for k in np.argsort(order))
-        return of(shape, REORDERED * np.exp(-gammaln(n + 1)), names, order)
+        return judge(shape, REORDERED * np.exp(-gammaln(n + 1)), names, order)
 
     # an order is found where none beside it, with two more exchanged, explains as much
     orders, best, last = {}, ordered(_order(shape, model)), None

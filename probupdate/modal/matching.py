@@ -660,7 +660,7 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
     names = [" and ".join(name[m] for m in one.measured) for one, _ in differ]
     own = " and ".join(name[m] for m in group.measured)
 
-    def said(choice, here) -> str:
+    def choice_words(choice, here) -> str:
         return " and ".join(f"mode {choice[r] + 1} at {frequency_hz[choice[r]]:.4g} Hz with MAC "
                             f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))
 
@@ -671,10 +671,11 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
         remedy = f"compare close modes as planes (--shapes plane), {remedy}"
     if len(differ) == 1:
         alone = len(group.measured) == 1
-        found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
+        found = (" and " if alone else ", or ").join(choice_words(choice, differ[0][1]) for choice in choices)
         return InputError(f"{where}, {own}", f"two computed modes match it equally well, {found}", remedy)
-    found = ", or ".join("; ".join(f"{n} as {said(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
-                         for choice in choices)
+    found = ", or ".join(
+        "; ".join(f"{n} as {choice_words(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
+        for choice in choices)
     rows = [m for one, _ in differ for m in one.measured]
     known = np.all(np.isfinite(measured[:, rows]), axis=1)
     alike = mac(measured[known][:, rows], measured[known][:, rows]) - np.eye(len(rows))

@@ -113,13 +113,13 @@ def _cache_by_length(matrices: Callable[[float], _Matrices]) -> Callable[[float]
 
     @lru_cache(maxsize=1024)
     @wraps(matrices)
-    def kept(length_m: float) -> _Matrices:
+    def read_only(length_m: float) -> _Matrices:
         found = matrices(length_m)
         for array in found.values() if isinstance(found, Mapping) else (found,):
             array.setflags(write=False)
         return found
 
-    return kept
+    return read_only
 
 
 @_cache_by_length

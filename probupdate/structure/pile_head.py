@@ -21,14 +21,14 @@ def pile_frame(frame: Frame) -> Frame:
     nodes = sorted({node for beam in kept for node in (beam.start, beam.end)})
     number = {node: k for k, node in enumerate(nodes)}
 
-    def moved(item, *names):
+    def renumber(item, *names):
         values = {name: getattr(item, name) for name in item.__dataclass_fields__}
         return type(item)(**(values | {name: number[values[name]] for name in names}))
 
     return Frame(
         node_m=frame.node_m[nodes],
-        beams=tuple(moved(beam, "start", "end") for beam in kept),
-        springs=tuple(moved(spring, "node") for spring in frame.springs if spring.node in number),
+        beams=tuple(renumber(beam, "start", "end") for beam in kept),
+        springs=tuple(renumber(spring, "node") for spring in frame.springs if spring.node in number),
         pile_head=number[frame.pile_head],
         pile_part=frame.pile_part,
     )

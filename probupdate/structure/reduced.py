@@ -269,17 +269,17 @@ def _smallest_size(largest: Sequence[ReducedModel], checks: Sequence[_Checks], s
     low, high = largest[0].n_mode, FIRST_SIZE
     size = largest[0].basis.shape[1]
 
-    def held(size: int) -> bool:
+    def is_accurate(size: int) -> bool:
         return all(c.holds(one.truncate(size), share) for c, one in zip(checks, largest, strict=True))
 
-    while not held(min(high, size)):
+    while not is_accurate(min(high, size)):
         if high >= size:
             return None
         low, high = high, int(GROWTH * high)
     high = min(high, size)
     while high - low > 4:
         middle = (low + high) // 2
-        low, high = (low, middle) if held(middle) else (middle, high)
+        low, high = (low, middle) if is_accurate(middle) else (middle, high)
     return high
 
 

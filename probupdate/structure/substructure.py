@@ -72,7 +72,7 @@ def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[
                              gravity_mps2=d.gravity_mps2 if d.mesh.geometric_stiffness else None)
     sums = tuple(WeightedSum.from_matrices(terms) for terms in (one.stiffness, one.mass))
 
-    def at(values: Mapping[str, float]) -> Substructure:
+    def substructure_at(values: Mapping[str, float]) -> Substructure:
         weights = one.coefficients(np.array([values[name] for name in updated], float))
         K, M = (sparse.csc_array(total(c)) for total, c in zip(sums, weights, strict=True))
         if softening is not None:
@@ -83,7 +83,7 @@ def turbine_substructures(d: Description, updated: tuple[str, ...]) -> Callable[
             reference_m=frozen_array(frame.node_m[foot]), joints=tuple(int(k) + 1 for k in below),
             joint_motion=motion[(6 * below[:, None] + np.arange(6)).ravel()], there=np.ones((len(below), 6), bool))
 
-    return at
+    return substructure_at
 
 
 def with_tower(

@@ -78,7 +78,7 @@ def draw_linear(
 ) -> LinearDraws:
     """n draws, exactly."""
     rng, parts = np.random.default_rng([seed, 37]), []
-    for some in np.array_split(chain.evenly(n), max(1, n // CHUNK)):
+    for some in np.array_split(chain.thinned(n), max(1, n // CHUNK)):
         tau, std = scales.tau(some), system.common_std(scales.shared(some, system))
         z, e, d = system.draw(tau, std, rng)
         parts.append((z, e, d, tau, std))

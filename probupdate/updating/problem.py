@@ -486,7 +486,7 @@ class Problem:
             modes=np.zeros((0, n_mode)) if full is None else full[1])
 
     @property
-    def quiet(self) -> Problem:
+    def without_error(self) -> Problem:
         """The same problem with the noise of identification alone."""
         return replace(self, error=None, mixing=None, mixed_pairs=(), scales=(0.0, 0.0, 0.0), bare=None, given=(),
                        tied=None, form=self.form and not self.form_is_shared)
@@ -520,7 +520,7 @@ class Problem:
         error = ResponseError(sources=(), factor=frozen_array(seen @ (vectors * np.sqrt(np.maximum(value, 0.0)))),
                               mean=frozen_array(seen @ mean + np.concatenate([self.mean, np.zeros(len(tied.value))])),
                               theta=self.parameters.initial)
-        return replace(self.quiet, error=error, known=known, tied=tied, bare=self)
+        return replace(self.without_error, error=error, known=known, tied=tied, bare=self)
 
     @property
     def form_is_shared(self) -> bool:
@@ -540,11 +540,11 @@ class Problem:
         if self.weights.covariance:
             root = self.unmixed_root
             return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
-        each = self.counted if self.weights.shapes == "mac" else np.ones(self.std.size)
+        each = self.kept_shares if self.weights.shapes == "mac" else np.ones(self.std.size)
         return added - float(each @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
 
     @cached_property
-    def counted(self) -> np.ndarray:
+    def kept_shares(self) -> np.ndarray:
         """How much of each response (n_response,) is left when shapes are aligned."""
         parts = [np.full(g.shape_response.size, (g.n_effective - g.size) / max(g.shape_response.size, 1))
                  for g in self.groups]
@@ -556,7 +556,7 @@ class Problem:
         residuals, so that their standard deviations count by what is left."""
         if self.weights.covariance or self.weights.shapes == "mac":
             return 0.0
-        return float((1 - self.counted) @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
+        return float((1 - self.kept_shares) @ (np.log(self.std) + 0.5 * np.log(2 * np.pi)))
 
     @cached_property
     def nodes(self) -> tuple[tuple[float, Problem], ...]:

@@ -206,7 +206,7 @@ def view_sets(
     sampled = (parameters, coordinates, prior, rng)
     alone = [joint_posterior(each, *sampled, n_draw=N_ALONE) for each in at_one.each_set_density(shared)]
     joint = joint_posterior(at_one.all_sets_density(), *sampled)
-    lent = shared.lent(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
+    lent = shared.optimism(expected, scales.new, scales.shared, np.median(population.tau, axis=0), prior)
     scores = _cross_validate(likelihoods, at_one, population, lent, alone, sampled, options)
     share = _effective_shares(noise, likelihoods, population, coordinates, parameters, rng)
     population = shared.widen(population, expected, scales.new, scales.shared, prior, rng)
@@ -443,7 +443,7 @@ def mode_scatter(data: ModalData) -> list[ModeScatter]:
             weight = 1 / (variance + tau2)
             return float(np.sum(weight * (ln - np.sum(weight * ln) / weight.sum()) ** 2))
 
-        def at(quantile: float, excess=excess, ln=ln) -> float:
+        def find_tau(quantile: float, excess=excess, ln=ln) -> float:
             """tau whose Q is that quantile, 0 where even none is too much."""
             if excess(0.0) <= quantile:
                 return 0.0
@@ -452,10 +452,10 @@ def mode_scatter(data: ModalData) -> list[ModeScatter]:
                 top *= 4
             return float(np.sqrt(optimize.brentq(lambda t: excess(t) - quantile, 0.0, top)))
 
-        low, high = at(float(stats.chi2.ppf(0.95, free))), at(float(stats.chi2.ppf(0.05, free)))
+        low, high = find_tau(float(stats.chi2.ppf(0.95, free))), find_tau(float(stats.chi2.ppf(0.05, free)))
         found.append(ModeScatter(
             label=label, n_set=len(ln), scatter=float(np.std(ln, ddof=1)), stated=float(np.sqrt(variance.mean())),
-            variation=at(float(free)), low=low, high=high, p_value=float(stats.chi2.sf(excess(0.0), free))))
+            variation=find_tau(float(free)), low=low, high=high, p_value=float(stats.chi2.sf(excess(0.0), free))))
     return found
 
 

@@ -199,7 +199,7 @@ class SharedError:
             variance, least = noise.own_variance
             rows.append(np.column_stack([r - J @ (self.middle - centre), J, B]))
             own.append(np.column_stack([variance + form**2, least, noise.unit_discrepancy,
-                                        np.arange(len(r)) >= noise.n_frequency, noise.counted]))
+                                        np.arange(len(r)) >= noise.n_frequency, noise.kept_shares]))
         return np.concatenate(rows), *np.concatenate(own).T
 
     def sum_sets(self, new: tuple[float, float]) -> Inner:
@@ -242,7 +242,7 @@ class SharedError:
             found.append((share, std, mean, 0.5 * (covariance + covariance.T), shift))
         return found
 
-    def lent(
+    def optimism(
         self, expected: np.ndarray, new: tuple[float, float], shared: Sequence[Scales], tau: np.ndarray,
         prior: GaussianPrior,
     ) -> np.ndarray:

@@ -329,7 +329,7 @@ def straightest_powers(x, value, log_weight, powers, positive) -> tuple[int, ...
     factors = np.hstack([np.ones((len(x), 1)), _standardise(to_coordinates(x, powers))])
     i, j = np.triu_indices(factors.shape[1])
 
-    def missed(gram, right, target) -> float:
+    def misfit(gram, right, target) -> float:
         found = np.linalg.solve(gram + ridge, right)
         return float(target @ target - found @ (2 * right - gram @ found))
 
@@ -337,7 +337,7 @@ def straightest_powers(x, value, log_weight, powers, positive) -> tuple[int, ...
         return (value - value.max() + log_jacobian(x, powers)) * root
 
     gram, target = columns.T @ columns, target_of(powers)
-    least = missed(gram, columns.T @ target, target)
+    least = misfit(gram, columns.T @ target, target)
     for k in np.flatnonzero(positive):
         own = (i == k + 1) | (j == k + 1)
         for power in (1, 0, -1):
@@ -352,7 +352,7 @@ def straightest_powers(x, value, log_weight, powers, positive) -> tuple[int, ...
             other[:, own] = other[own].T
             right = columns.T @ target
             right[own] = fresh.T @ target
-            if (value_missed := missed(other, right, target)) < CLEARLY_LESS * least:
+            if (value_missed := misfit(other, right, target)) < CLEARLY_LESS * least:
                 powers, least, factors, gram = trial, value_missed, new, other
                 columns[:, own] = fresh
     return tuple(powers)

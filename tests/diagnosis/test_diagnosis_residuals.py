@@ -82,7 +82,7 @@ def test_deviations_are_those_of_the_covariance_written_out(design, validation):
             expected = pick @ exact @ pick.T
             found = r.spread_between(q, share, q, share) + r.own_noise(q, share)
             row.error((found - expected) / np.maximum(np.abs(expected), 0.1), 1e-9, "covariance")
-            row.error(r.along(q, share)[1] / np.sqrt(np.diag(expected)) - 1, 1e-9, "standard deviations")
+            row.error(r.share_mean(q, share)[1] / np.sqrt(np.diag(expected)) - 1, 1e-9, "standard deviations")
     mean, covariance = r.means
     first = np.zeros((SIZES[0], len(rows)))
     second = np.zeros((SIZES[1], len(rows)))
@@ -101,7 +101,7 @@ def test_standardised_remainders_of_drawn_records_are_standard_normal(design, va
     z = []
     for _ in range(400):
         r = fitted(design, design.simulate(rng))
-        z.append(np.concatenate([np.divide(*r.along(q, s)) for q in range(2) for s in shares(r, q).values()]))
+        z.append(np.concatenate([np.divide(*r.share_mean(q, s)) for q in range(2) for s in shares(r, q).values()]))
     z = np.array(z)
     # 400 draws: a variance is known to 7 %, 18 of them
     row.error((np.mean(z**2, axis=0) - 1) / np.sqrt(2 / 400), 4, "variance")

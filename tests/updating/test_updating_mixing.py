@@ -102,7 +102,7 @@ def test_the_likelihood_is_the_dense_gaussian_averaged_over_nodes(validation):
         unit = problem.by_kind((f, s)) * problem.unit_discrepancy
         covariance = np.diag(own + unit**2) + m**2 * problem.mixing @ problem.mixing.T
         # aligning shapes takes part of their residuals
-        taken = (1 - problem.counted) @ np.log(np.sqrt(own + unit**2) / problem.std)
+        taken = (1 - problem.kept_shares) @ np.log(np.sqrt(own + unit**2) / problem.std)
         each.append([weight + taken + stats.multivariate_normal.logpdf(problem.measured, problem.predict(t), covariance)
                      for t in theta])
     row.error(problem.log_likelihood(theta) - special.logsumexp(each, axis=0), below=1e-8)

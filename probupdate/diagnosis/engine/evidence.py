@@ -109,11 +109,11 @@ def sequential_information(
 
 
 def _join_information(parts: Sequence[ProfileInformation], order: np.ndarray) -> ProfileInformation:
-    def of(name: str, axis: int) -> np.ndarray:
+    def join(name: str, axis: int) -> np.ndarray:
         return np.take(np.concatenate([getattr(p, name) for p in parts], axis=axis), order, axis=axis)
 
-    return ProfileInformation(a=of("a", 1), b=of("b", 1), c=of("c", 1), null=of("null", 1), degrees=of("degrees", 0),
-                              usable=of("usable", 0))
+    return ProfileInformation(a=join("a", 1), b=join("b", 1), c=join("c", 1), null=join("null", 1),
+                              degrees=join("degrees", 0), usable=join("usable", 0))
 
 
 def _equal_weight_information(
