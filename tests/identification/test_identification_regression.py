@@ -121,7 +121,7 @@ def test_twins_are_said_once_and_tested_together():
 
 def test_too_few_blocks_and_times_that_do_not_rise_are_refused():
     time, x, value, std = case(3)
-    with pytest.raises(InputError, match="9 blocks with the mode and all of level, temperature for 3 coefficients"):
+    with pytest.raises(InputError, match="9 blocks have the mode and level, temperature; 3 coefficients need"):
         regress("ln f", value[:9], time[:9], {k: v[:9] for k, v in x.items()}, std[:9])
     with pytest.raises(InputError, match="times do not rise"):
         regress("ln f", value, time[::-1], x, std)
