@@ -67,7 +67,7 @@ def check_against_model(
     if sought.modes is not None and 0 < held < len(sought.modes.frequency_hz):
         # what the records cannot hold need not be there to hold the others against it
         sought = reference_at([campaign], model, where=campaign.path, parameters=parameters, lowest=held)
-    chosen, said = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
+    chosen, said, _ = ssi_settings([campaign], model, IdentificationSettings(), sought.modes)
     held = _shapes_against(campaign, model, parameters, sought, chosen, progress)
     suspected = [text for text in (*sought.notes, *said) if text.startswith(("suspect", TOO_FEW, LACKING))]
     return replace(held, finding="; ".join(filter(None, [*suspected, held.finding])))

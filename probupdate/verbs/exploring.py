@@ -111,7 +111,7 @@ def _identify_block(campaign: Campaign, folder: Path, block: str | None, stated:
     """The poles of one block, identified into the folder."""
     from probupdate.reporting.explore import PoleSource
 
-    chosen, said = ssi_settings([campaign], None, stated)
+    chosen, said, _ = ssi_settings([campaign], None, stated)
     store = BlockStore(folder, campaign, chosen.of_blocks)
     starts = tuple(start for start in store.starts if block is None or start == start_of(block))
     if not starts:

@@ -19,7 +19,7 @@ from probupdate.identification.hand_picked import opened_choice
 from probupdate.identification.identify import Identification, ShardOfBlocks, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.identify import identify_shard as identify_campaign_shard
-from probupdate.identification.proposal import propose
+from probupdate.identification.proposal import SAME_PEAK, propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
 from probupdate.identification.roving import MergedModes
@@ -32,7 +32,7 @@ from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
 from probupdate.modal.matching import reading
 from probupdate.modal.mode_choice import ModeChoice
-from probupdate.modal.modes import Sensor, read_modes
+from probupdate.modal.modes import ModalData, Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
@@ -99,12 +99,13 @@ def identify(
     opened = read_campaign(campaign)
     sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
     if choice is None:
-        chosen, said = ssi_settings([opened], model, settings, sought.modes)
+        chosen, said, peaks = ssi_settings([opened], model, settings, sought.modes)
     else:
-        chosen, said = _choice_settings(choice, settings), []
+        chosen, said, peaks = _choice_settings(choice, settings), [], ()
     found = identify_campaign(opened, sought.modes, others=sought.others, settings=chosen, choice=choice, store=store,
                               jobs=jobs, progress=progress)
-    said = [*sought.lowest_note(found.data.records), *sought.notes, *said, *left_out_notes(opened.left_out),
+    said = [*sought.lowest_note(found.data.records), *sought.notes, *said, *unexplained_peaks(peaks, found.data),
+            *left_out_notes(opened.left_out),
             *suspected_time(opened)]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
@@ -127,7 +128,7 @@ def identify_shard(
     left to compute but the modes. model, parameters, lowest: for the settings of identification only, as there."""
     opened = read_campaign(campaign)
     sought = reference_at([opened], model, where=campaign, parameters=parameters, lowest=lowest)
-    chosen, _ = ssi_settings([opened], model, settings, sought.modes)
+    chosen, *_ = ssi_settings([opened], model, settings, sought.modes)
     share = shard if isinstance(shard, Shard) else Shard.parse(shard)
     return identify_campaign_shard(opened, share, settings=chosen, store=store, jobs=jobs, progress=progress)
 
@@ -153,27 +154,29 @@ def identify_setups(
     names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
     sought = reference_at(opened, model, where=paths[0], parameters=parameters, lowest=lowest)
-    chosen, said = ssi_settings(opened, model, settings, sought.modes)
+    chosen, said, peaks = ssi_settings(opened, model, settings, sought.modes)
     channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=sought.modes, others=sought.others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
     own = [f"{name}: {text}" for name, one in zip(names, opened, strict=True)
            for text in (*left_out_notes(one.left_out), *suspected_time(one))]
     return replace(merged, summary="\n".join([merged.summary, *sought.lowest_note(merged.data.records),
-                                                         *sought.notes, *said, *own]))
+                                                         *sought.notes, *said,
+                                                         *unexplained_peaks(peaks, merged.data), *own]))
 
 
 def ssi_settings(
     campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings,
     reference: ReferenceModes | None = None,
-) -> tuple[SSISettings, list[str]]:
+) -> tuple[SSISettings, list[str], tuple[float, ...]]:
     """What is given; the rest as the paper, where the model has members, the paper's rate holds the modes that are
-    looked for and the records hold that rate, or as the record proposes; and what is to be said of that. Raises
-    InputError where the rate holds not all modes of `reference`, which are looked for."""
+    looked for and the records hold that rate, or as the record proposes; what is to be said of that; and the peaks, in
+    Hz, that were proposed for. Raises InputError where the rate holds not all modes of `reference`, which are looked
+    for."""
     refuse_other_value("settings", stated, IdentificationSettings)
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
-    said, units = [], ""
+    said, units, peaks = [], "", ()
     highest = 0.0 if reference is None else float(np.max(reference.frequency_hz))
     recorded = min(c.sampling_rate_hz for c in campaigns)
     few = _few_periods_note(min(c.block_minutes for c in campaigns), reference)
@@ -187,6 +190,7 @@ def ssi_settings(
             raise InputError(error.where, f"{error.problem}; {few[0]}", few[1]) if few else error from None
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
+        peaks = found.peaks_hz
         units = "" if reference is None else _unit_question(reference, found.peaks_hz[0])
         said += [f"suspect: {units}"] if units else []
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
@@ -203,7 +207,17 @@ def ssi_settings(
         said.append(f"blocks of {campaigns[0].block_minutes:g} min are short: standard deviations "
                     + (f"from {kept} parts of each" if kept else "cannot be estimated, longer blocks would have them"))
         settings = replace(settings, sub_records=kept)
-    return settings, said
+    return settings, said, peaks
+
+
+def unexplained_peaks(peaks_hz: Sequence[float], data: ModalData) -> list[str]:
+    """A sentence where peaks of the spectrum that the settings were proposed for have no mode near them."""
+    known = np.concatenate([s.frequency_hz[s.measured] for s in data.sets]) if data.sets else np.empty(0)
+    alone = [f for f in peaks_hz if not np.any(np.abs(np.log(known / f)) < SAME_PEAK)]
+    if not alone:
+        return []
+    return [f"no mode was found at the spectrum's peak{'s' * (len(alone) > 1)} at {', '.join(f'{f:.3g}' for f in alone)} "
+            "Hz: a weak mode, or what excites the structure; look at its shape with `probupdate explore`"]
 
 
 def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:

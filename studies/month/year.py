@@ -89,7 +89,7 @@ def stand_for(out: Path, count: int, answer) -> None:
     opened = replace(opened, scada=repeated(opened.scada, count))
     sought = reference_at([opened], model_path(MODEL), where=out / "campaign")
     reference, others = sought.modes, sought.others
-    settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings(), reference)
+    settings, *_ = ssi_settings([opened], model_path(MODEL), IdentificationSettings(), reference)
     before, begun = peak_mb(), time.process_time()
     found = identify_campaign(opened, reference, others=others, settings=settings,
                               store=out / "real" / "modes.json.blocks")

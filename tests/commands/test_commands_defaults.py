@@ -78,7 +78,7 @@ def test_blocks_of_few_periods_of_the_model_s_lowest_mode_are_said(tmp_path):
 
     def said(lowest_hz, of="sway"):
         reference = ReferenceModes(labels=("X1",), frequency_hz=np.array([lowest_hz]), shape=np.ones((3, 1)))
-        _, notes = ssi_settings([records[of]], None, probupdate.IdentificationSettings(), reference)
+        _, notes, _ = ssi_settings([records[of]], None, probupdate.IdentificationSettings(), reference)
         return [text for text in notes if text.startswith("too few periods")]
 
     assert "12 periods of the model's lowest mode (0.02 Hz)" in said(0.02)[0]
@@ -87,3 +87,18 @@ def test_blocks_of_few_periods_of_the_model_s_lowest_mode_are_said(tmp_path):
     # the reason where nothing is found at all
     with pytest.raises(InputError, match="no peak.*1.2 periods of the model's lowest mode.*block_minutes of 134"):
         said(0.002, of="noise")
+
+
+@pytest.mark.parametrize("size", [0.01, 0.5])
+def test_a_peak_without_a_mode_is_said(tmp_path, size):
+    """Of three modes one of a hundredth of the others' motion is a peak of the spectrum and no mode in any block."""
+    rng, data = np.random.default_rng(3), np.zeros((40_000, 3))
+    for hz, amplitude, shape in ((0.4, 1.0, [1, 0.6, 0.3]), (1.9, size, [1, -0.8, -0.5]), (3.1, 0.5, [1, 0.2, -1])):
+        pole = np.exp(2 * np.pi * hz / 10 * (1j - 0.01))
+        motion = signal.lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], rng.standard_normal(len(data)))
+        data += amplitude * np.outer(motion / motion.std(), shape)
+    data += 0.02 * rng.standard_normal(data.shape)
+    found = probupdate.identify(write_campaign(tmp_path / "campaign", data=data))
+    frequencies = np.concatenate([s.frequency_hz[s.measured] for s in found.data.sets])
+    said = [text for text in found.notes if "no mode was found at the spectrum's peak at 1.9 Hz" in text]
+    assert len(said) == (not np.any(np.abs(frequencies - 1.9) < 0.05)) == (size < 0.1)
