@@ -216,8 +216,9 @@ def unexplained_peaks(peaks_hz: Sequence[float], data: ModalData) -> list[str]:
     alone = [f for f in peaks_hz if not np.any(np.abs(np.log(known / f)) < SAME_PEAK)]
     if not alone:
         return []
-    return [f"no mode was found at the spectrum's peak{'s' * (len(alone) > 1)} at {', '.join(f'{f:.3g}' for f in alone)} "
-            "Hz: a weak mode, or what excites the structure; look at its shape with `probupdate explore`"]
+    listed = ", ".join(f"{f:.3g}" for f in alone)
+    return [f"no mode was found at the spectrum's peak{'s' * (len(alone) > 1)} at {listed} Hz: a weak mode, or what "
+            "excites the structure; look at its shape with `probupdate explore`"]
 
 
 def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:
