@@ -248,7 +248,7 @@ def error_rows(problem: Problem, theta: np.ndarray) -> Rows:
     (n_param,)."""
     bare = problem.bare or problem
     response, slope = bare.sensitivity(theta)
-    root = bare.quiet.unmixed_root
+    root = bare.without_error.unmixed_root
     rows = Rows(matrix=root, value=root @ (bare.measured - response + slope @ theta), slope=root @ slope,
                 parameters=problem.parameters.names)
     if problem.known is None:
