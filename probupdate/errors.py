@@ -53,10 +53,11 @@ def plain(text: str, keep: str = "") -> str:
 
 
 class ConvergenceError(ProbupdateError):
-    """An iteration ended before it converged; `estimate` carries what it had reached."""
+    """An iteration ended before it converged; `estimate` carries what it had reached, `modes` the columns of the
+    measured modes whose counterpart among the model's changed on the way."""
 
-    def __init__(self, message: str, estimate: object = None):
-        self.estimate = estimate
+    def __init__(self, message: str, estimate: object = None, modes: tuple[int, ...] = ()):
+        self.estimate, self.modes = estimate, modes
         super().__init__(message)
 
 

@@ -102,9 +102,10 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     settled = [end for end in ends if end[2]] or _maxima_on_crossing(problem, min(ends, key=lambda end: end[1]))
     if not settled:
         best = min(ends, key=lambda end: end[1])
+        reason, modes = _likely_reason(problem, best[0])
         raise ConvergenceError(
             f"the posterior's maximum was not reached within {MAX_ITERATION} iterations from any of {len(starts)} "
-            f"starts: {_likely_reason(problem, best[0])}", best[0])
+            f"starts: {reason}", best[0], modes)
     theta, lowest, _ = min(settled, key=lambda end: end[1])
     highest = _laplace(problem, theta, ())
     others = sorted({
@@ -114,20 +115,22 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     return replace(highest, others=tuple(others))
 
 
-def _likely_reason(problem: Problem, theta: np.ndarray) -> str:
-    """Which measured modes have another of the model's at theta, the best parameters, than at the initial ones."""
+def _likely_reason(problem: Problem, theta: np.ndarray) -> tuple[str, tuple[int, ...]]:
+    """Which measured modes have another of the model's at theta, the best parameters, than at the initial ones, and
+    their columns."""
     found = problem.predict_many(np.array([problem.parameters.initial, theta]))
     changed = np.flatnonzero(found.computed[0] != found.computed[1])
     if not len(changed):
         return ("the measured modes may not be this model's; check the order of the channels (x and y exchanged?), "
-                "units and pairing")
+                "units and pairing"), ()
     named = [problem.mode_labels[problem.used[k]] for k in changed]
     said = ", ".join(
         f"{label} is {found.frequency_hz[0, k]:.4g} Hz (MAC {found.mac[0, k]:.2f}) at the initial parameters and "
         f"{found.frequency_hz[1, k]:.4g} Hz (MAC {found.mac[1, k]:.2f}) at the best" for k, label in zip(
             changed, named, strict=True))
     return (f"which of the model's modes is {' and '.join(named)} changes with the parameters ({said}); leave "
-            f"{'it' if len(named) == 1 else 'them'} out: list the other modes' labels behind the file of --modes")
+            f"{'it' if len(named) == 1 else 'them'} out: list the other modes' labels behind the file of --modes",
+            tuple(problem.used[k] for k in changed))
 
 
 def probable_draws(problem: Problem) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probupdate.errors import InputError, names_files
+from probupdate.errors import ConvergenceError, InputError, names_files
 from probupdate.io.outputs import sole_writer
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.runtime.executors import Executor
@@ -92,9 +92,24 @@ class Case:
         data = compared_modes(modes, set_id, every_mode, likelihood.modes)
         model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix,
                            alternatives=likelihood.alternatives)
-        joint = joint_set(data, covariance=likelihood.joint_covariance) if set_id is None else single_set(data, set_id)
-        weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
-        return cls(data=data, joint=joint, model_at=model_at, weights=weights)
+
+        def weighed(data: ModalData) -> Case:
+            joint = (joint_set(data, covariance=likelihood.joint_covariance) if set_id is None
+                     else single_set(data, set_id))
+            weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
+            return cls(data=data, joint=joint, model_at=model_at, weights=weights)
+
+        try:
+            return weighed(data)
+        except ConvergenceError as error:
+            # as a mode of uncertain pairing is, where most modes stay
+            kept = [j for j in range(data.n_mode) if j not in error.modes]
+            if not error.modes or 2 * len(kept) <= data.n_mode:
+                raise
+            case, names = weighed(data.of_modes(kept)), data.labels or [f"mode {j + 1}" for j in range(data.n_mode)]
+            words = (f"{', '.join(names[j] for j in error.modes)} left out: its counterpart among the model's modes "
+                     "changes with the parameters, and with it no maximum of the posterior was reached")
+            return replace(case, joint=replace(case.joint, notes=(*case.joint.notes, words)))
 
     @property
     def model(self) -> Model:
@@ -324,4 +339,6 @@ def inform(
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters
     point = whole.initial if at == "initial" else np.array([found.get(p.name, p.initial) for p in whole])
-    return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)
+    made = information(problem, theta=point, place=PLACES[at], posterior=drawn)
+    said = {SETS: "; ".join(case.joint.notes)} if case.joint.notes else {}
+    return replace(made, check=check, settings=made.settings | said)

@@ -309,8 +309,24 @@ def test_a_mode_whose_counterpart_changes_on_the_way_is_named(monkeypatch):
     data = ModalData(channels=("a", "b"), sets=(modal_set(frequency, shape, std=0.001 * frequency),))
     problem = build_problem(model, data, weights=Weights(shape_std=False))
     monkeypatch.setattr(laplace_module, "MAX_ITERATION", 1)
-    with pytest.raises(ConvergenceError, match="which of the model's modes is .* changes with the parameters"):
+    with pytest.raises(ConvergenceError, match="which of the model's modes is .* changes with the parameters") as error:
         maximum_a_posteriori(problem, [np.array([1.0])])
+    assert error.value.modes == (0, 1)
+
+
+def test_a_mode_whose_counterpart_changes_is_left_out_and_said(monkeypatch):
+    given = LikelihoodSettings.stated_for
+
+    def with_three(self, model, data, **more):
+        if data.n_mode == 4:
+            raise ConvergenceError("no maximum was reached", None, (2,))
+        return given(self, model, data, **more)
+
+    monkeypatch.setattr(LikelihoodSettings, "stated_for", with_three)
+    record = probupdate.update(chain_model(), measured_chain(noise=0.01),
+                               likelihood=LikelihoodSettings(discrepancy=0.0))
+    assert len(record.measured_hz) == 3
+    assert "mode 3 left out: its counterpart among the model's modes changes" in record.settings["sets"]
 
 
 def test_the_updates_end_is_a_start_that_is_already_there():
