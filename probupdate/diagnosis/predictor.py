@@ -386,11 +386,15 @@ def shares_of_nominal(parameters: Parameters, theta: np.ndarray, names: Sequence
 
 @lru_cache(maxsize=8)
 def _increments(effects: tuple[Effect, ...], names: tuple[str, ...]) -> np.ndarray:
-    """How much of each parameter a unit of each effect is (n_param, n_effect)."""
+    """How much of each parameter a unit of each effect is (n_param, n_effect). Raises InputError for a parameter that
+    the model does not have."""
     column = {name: k for k, name in enumerate(names)}
     amounts = np.zeros((len(names), len(effects)))
     for j, effect in enumerate(effects):
         for name, amount in effect.increments if effect.observe is None else ():
+            if name not in column:
+                raise InputError(f"effect {effect.name}", f"names a parameter '{name}' that the model lacks",
+                                 f"correct `parts`; there are {', '.join(names)}")
             amounts[column[name], j] += amount
     return amounts
 

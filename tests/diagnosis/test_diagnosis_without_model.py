@@ -196,6 +196,13 @@ def test_an_effect_of_ones_own_needs_a_function_and_a_row(with_crosstalk, valida
     row.equal(diagnose_without_model(with_crosstalk).verdict, "unexplained", "name")
 
 
+def test_a_row_of_a_parameter_that_the_model_lacks_is_refused(frame_file, with_crosstalk):
+    row = Effect(kind="structural", cause="softer", location="storey", unit="-", tolerance=0.0, prior_scale=0.1,
+                 parts=(("no such parameter", 1.0),), time_profiles=("constant",))
+    with pytest.raises(InputError, match="names a parameter 'no such parameter' that the model lacks"):
+        probupdate.diagnose(frame_file, with_crosstalk, effects=[row], extend=False)
+
+
 def test_the_same_row_beside_a_model(frame_file, with_crosstalk):
     found = probupdate.diagnose(frame_file, with_crosstalk, effects=[CROSSTALK], extend=False)
     assert (found.findings[0].cause, found.findings[0].location) == ("crosstalk", "y5 into x3")
