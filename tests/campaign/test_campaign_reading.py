@@ -50,7 +50,7 @@ WRONG_HEADS = [
     ('unit = "g"', 'unit = "kg"', "unit 'kg' is none of acceleration", "m/s2"),
     ('unit = "g"', 'unit = "mm/s"', "unit 'mm/s' is none of acceleration", "m/s2"),
     ('quantity = "acceleration"', 'quantity = "accel"', "quantity 'accel' is unknown", "acceleration"),
-    ('direction = [0.0, 1.0, 0.0]', 'direction = [0.0, 2.0, 0.0]', "not a unit vector", "scale it"),
+    ('direction = [0.0, 1.0, 0.0]', 'direction = [0.0, 2.0, 0.0]', "not a unit vector", "add up to 1"),
 ]
 
 
