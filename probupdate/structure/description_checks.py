@@ -60,7 +60,7 @@ def _check_units(d: Description) -> Iterator[Mistake]:
     for key, (low, high, unit) in RANGES.items():
         value = reduce(lambda at, name: getattr(at, name, None), key.split("."), d)
         if value is not None and not low <= value <= high:
-            yield key, f"{value:g} is outside the plausible range, {low:g} to {high:g}", f"give it in {unit}"
+            yield key, f"{value:g} is outside {low:g} to {high:g}, the plausible range", f"give it in {unit}"
     if isinstance(d, Offshore):
         strength = d.soil.undrained_shear_strength_pa
         if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
