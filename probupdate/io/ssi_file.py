@@ -17,6 +17,8 @@ AXES = ("x", "y", "z", "tx", "ty", "tz")
 PLACES = {f"{a}{b}": (i, j) for j, b in enumerate(AXES) for i, a in enumerate(AXES[: j + 1])}
 # of a matrix's terms, by the digits that they are written with
 DIGITS = 0.01
+# of computed terms, over the largest of translation or rotation
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,8 +70,10 @@ def parse_ssi(lines, where: str, name: str) -> SsiFile:
 
 
 def _least_share(matrix: np.ndarray) -> float:
-    """The least eigenvalue (6, 6), each direction in a unit in which its own term is one."""
-    unit = np.sqrt(np.abs(np.diag(matrix)))
+    """The least eigenvalue (6, 6), each direction in a unit in which its own term is one. A term that is rounding beside
+    others of its kind, as of a pile that nothing holds against torsion, is none."""
+    own = np.abs(np.diag(matrix)).reshape(2, 3)
+    unit = np.sqrt(np.maximum(own, ROUNDING * own.max(axis=1, keepdims=True))).ravel()
     unit[unit == 0] = 1.0
     return float(np.linalg.eigvalsh(matrix / np.outer(unit, unit))[0])
 
