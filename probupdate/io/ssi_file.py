@@ -70,8 +70,8 @@ def parse_ssi(lines, where: str, name: str) -> SsiFile:
 
 
 def _least_share(matrix: np.ndarray) -> float:
-    """The least eigenvalue (6, 6), each direction in a unit in which its own term is one. A term that is rounding beside
-    others of its kind, as of a pile that nothing holds against torsion, is none."""
+    """The least eigenvalue (6, 6), each direction in a unit in which its own term is one. A term that is rounding
+    beside others of its kind, as of a pile that nothing holds against torsion, is none."""
     own = np.abs(np.diag(matrix)).reshape(2, 3)
     unit = np.sqrt(np.maximum(own, ROUNDING * own.max(axis=1, keepdims=True))).ravel()
     unit[unit == 0] = 1.0
