@@ -31,9 +31,9 @@ class SelectionCriteria:
 
     No yawing: yaw rate up to yaw_rate_degps and headings of the rows within heading_range_deg. No pitching: blade
     angle within pitch_range_deg. Idling or parked: the block's state, given by the power of its ten-minute rows, is one
-    of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: all that are
-    labelled FA or SS; where none is, those that at least `required_share` of the usable blocks have, so that a mode
-    that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
+    of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: those labelled FA
+    or SS, where none is all, that at least `required_share` of the usable blocks have, so that a mode that shows now
+    and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
     apart where the two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC. """
 
     yaw_rate_degps: Threshold = 0.05
@@ -127,15 +127,13 @@ def required_modes(
     InputError for a name that is not a mode, and where no mode is in so many blocks."""
     if criteria.required is None:
         bending = [j for j, label in enumerate(labels) if is_bending(label)]
-        if bending:
-            return bending
         measured = [s.measured for s in sets if not s.environment.get("excluded")]
         share = np.mean(measured, axis=0) if measured else np.ones(n_mode)
-        often = [j for j in range(n_mode) if share[j] >= criteria.required_share]
-        if not often:
+        often = [j for j in bending or range(n_mode) if share[j] >= criteria.required_share]
+        if not often and not bending:
             raise InputError("selection, required modes", f"no mode is in {100 * criteria.required_share:g} % of the "
                              "blocks", "lower required_share, or name the modes in `required`")
-        return often
+        return often or bending
     for label in criteria.required:
         if label not in labels:
             raise InputError("selection, required modes", f"'{label}' is not a mode of the data",

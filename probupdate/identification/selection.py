@@ -137,8 +137,9 @@ def select(
     if scada is not None:
         notes += [f"SCADA has no {known}{renaming(given)}"
                   for known, given in find_misnamed(scada.columns, SIMILAR).items()]
-    seldom = [label for j, label in enumerate(labels) if j not in required]
-    if criteria.required is None and seldom and not any(map(is_bending, labels)):
+    bending = any(map(is_bending, labels))
+    seldom = [label for j, label in enumerate(labels) if j not in required and (is_bending(label) or not bending)]
+    if criteria.required is None and seldom:
         notes.append(f"modes not required, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
                      f"{', '.join(seldom)}")
     notes += _rounding_notes(sets, labels)
