@@ -70,6 +70,7 @@ NEAR_FACTOR = 0.35
 # (Au 2014, Uncertainty law in ambient modal identification): its frequency then to its half-power bandwidth
 FEW_PERIODS = 16
 TOO_FEW = "too few periods"
+SETTING_WORDS = {"order": "order", "block_rows": "block rows", "target_rate_hz": "rate"}
 
 
 @names_files("campaign")
@@ -188,8 +189,10 @@ def ssi_settings(
             found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows, up_to_hz=highest)
         except InputError as error:
             raise InputError(error.where, f"{error.problem}; {few[0]}", few[1]) if few else error from None
-        chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
-        said.append(found.sentence)
+        found = replace(found, **given)
+        chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz}
+        stated_words = " and ".join(words for name, words in SETTING_WORDS.items() if name in given)
+        said.append(found.sentence + (f"; {stated_words} as stated" if given else ""))
         peaks = found.peaks_hz
         units = "" if reference is None else _unit_question(reference, found.peaks_hz[0])
         said += [f"suspect: {units}"] if units else []

@@ -84,6 +84,9 @@ def test_blocks_of_few_periods_of_the_model_s_lowest_mode_are_said(tmp_path):
     assert "12 periods of the model's lowest mode (0.02 Hz)" in said(0.02)[0]
     assert "block_minutes of 14 or more" in said(0.02)[0]
     assert said(0.03) == []
+    # what is stated is said as it is used
+    _, notes, _ = ssi_settings([records["sway"]], None, probupdate.IdentificationSettings(order=44))
+    assert any("order 44, " in text and text.endswith("; order as stated") for text in notes)
     # the reason where nothing is found at all
     with pytest.raises(InputError, match="no peak.*1.2 periods of the model's lowest mode.*block_minutes of 134"):
         said(0.002, of="noise")
