@@ -176,18 +176,22 @@ def _sampled_problem(
     if weights is not None:
         covariance = weights.covariance
 
+    def modes_of(path: Path) -> tuple[str, ...] | None:
+        """The modes of this file that were sampled, where it has them by name."""
+        return posterior.mode_labels if set(posterior.mode_labels) <= set(read_modes(path).labels) else None
+
     def is_sampled(path: Path) -> bool:
-        one = joint_set(compared_modes(path, None, False, likelihood.modes), covariance=covariance)
+        one = joint_set(compared_modes(path, None, False, modes_of(path)), covariance=covariance)
         return one.data.set().id == posterior.record.get("set_id")
 
     problem = None
     # the selected sets and all sets may have one id
     for modes in [path for path in (*given, *own) if is_sampled(path)] or own[:1]:
         if weights is None:
-            case = Case.prepare(places["model"], modes, likelihood, parameters=places.get("parameters"),
-                                progress=progress)
+            case = Case.prepare(places["model"], modes, replace(likelihood, modes=modes_of(modes)),
+                                parameters=places.get("parameters"), progress=progress)
         else:
-            data = compared_modes(modes, None, False, likelihood.modes)
+            data = compared_modes(modes, None, False, modes_of(modes))
             case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,
                         model_at=ModelAt(places["model"], places.get("parameters"), str(modes), data.felt))
         problem = build_problem(case.model, case.joint.data, weights=case.weights)

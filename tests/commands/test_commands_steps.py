@@ -492,3 +492,16 @@ def test_export_finds_the_modes_of_the_posterior_beside_selected_ones(estimated,
     (run / "nine.json").write_text(json.dumps(content))
     done = probupdate.export(run, tmp_path / "life", draws=4)
     assert not any("tolerances in models" in text for text in done.left_out)
+
+
+def test_export_finds_the_modes_of_a_posterior_of_some_of_them(estimated, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(estimated, run, ignore=shutil.ignore_patterns("posterior.nc*"))
+    content = json.loads((run / "modes.json").read_text())
+    labels = content["labels"] = [f"X{j + 1}" for j in range(len(content["sets"][0]["frequency_hz"]))]
+    (run / "modes.json").write_text(json.dumps(content))
+    (model,) = (run / name for name in ("model.npz", "model.toml") if (run / name).is_file())
+    assert main(["sample", "--model", str(model), "--modes", str(run / "modes.json"), ",".join(labels[:-1]), "--out",
+                 str(run / "posterior.nc"), "--ess", "100", "--max-steps", "400"]) == 0
+    done = probupdate.export(run, tmp_path / "life", draws=4)
+    assert not any("tolerances in models" in text for text in done.left_out)
