@@ -291,6 +291,7 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
                      "hardly see such motion")
     for one in lacking:
         if one.expected or (one.label in wanted and not one.hardly_seen):
-            why = "although the excitation should show it" if one.expected else "which the excitation may not show"
+            why = ("although the excitation should show it; a higher --order may" if one.expected else
+                   "which the excitation may not show")
             lines.append(f"the model's {one.label} at {one.frequency_hz:.4g} Hz is in no block, {why}")
     return lines
