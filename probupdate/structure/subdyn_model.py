@@ -365,7 +365,9 @@ def group_of(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tupl
              "joints": [j.id for j in file.joints]}[sort]
     for id in wanted:
         if id not in known:
-            raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", "correct the number")
+            by = ", by their joints" if sort in ("masses", "reactions") else ""
+            listed = ", ".join([*map(str, known[:8]), *["..."] * (len(known) > 8)]) or "none"
+            raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", f"it has {sort}{by}: {listed}")
     if sort == "property_sets":
         members = tuple(m.id for m in file.members if m.kind == entry.kind and set(m.sets) & set(wanted))
         if not members:
