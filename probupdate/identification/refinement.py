@@ -52,15 +52,18 @@ def refine_modes(
     for group in groups(poles.frequency_hz, poles.damping_ratio, np.flatnonzero(known)):
         if len(group) > min(LARGEST, len(real)) or (fixed is not None and fixed[group].any()):
             continue
-        fits = []
-        for half_widths in (NARROW, WIDE):
+
+        def fit_in(half_widths: float, group: list[int] = group) -> GroupFit | None:
             place = np.array([*group, *_neighbours(poles.frequency_hz, group, known, half_widths)])
-            fits.append(fit(spectrum, Start(
+            one = fit(spectrum, Start(
                 n_group=len(group), frequency_hz=poles.frequency_hz[place], damping_ratio=poles.damping_ratio[place],
-                shape=real[:, place], level=level[place]), parts, half_widths))
-        fits = [one for one in fits if one is not None and _may_replace(one, poles, group)]
-        if fits:
-            found.append((group, fits[-1] if _agree(fits[0], fits[-1]) else fits[0]))
+                shape=real[:, place], level=level[place]), parts, half_widths)
+            return one if one is not None and _may_replace(one, poles, group) else None
+
+        # what the wide band refuses has more than another colour of its force: lines, tails, a channel that lags
+        if (wide := fit_in(WIDE)) is not None:
+            narrow = fit_in(NARROW)
+            found.append((group, wide if narrow is None or _agree(narrow, wide) else narrow))
             taken[group] = True
     return _replace_modes(poles, found), frozen_array(taken, bool)
 
