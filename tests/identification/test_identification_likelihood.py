@@ -175,17 +175,16 @@ def test_forces_of_several_colours_move_modes_by_no_more_than_is_stated():
     more stated standard deviations off; both refuse the lowest mode, which the source of the force drives most."""
     rng, f, zeta = np.random.default_rng(1), np.array([0.8, 1.0, 1.6]), np.array([0.012, 0.015, 0.012])
     shape, of_f, of_zeta = np.column_stack([SHAPE, [0.5, -0.2, 0.7, 1.0, -0.4]]), [], []
-    for _ in range(16):
+    for _ in range(40):
         poles, by_likelihood = refine_modes(sea_record(rng, f, zeta, shape), RATE, begun(f, zeta, shape),
                                             highest_hz=2.25)
-        assert by_likelihood[1:].any()
         off = np.log(poles.frequency_hz / f) / np.linalg.norm(poles.factors.ln_frequency, axis=1)
         of_f.extend(off[by_likelihood])
         off = (poles.damping_ratio - zeta) / np.linalg.norm(poles.factors.damping_ratio, axis=1)
         of_zeta.extend(off[by_likelihood])
-    # some 30 numbers: their root mean square is known to 13 %
+    # some 78 numbers: their root mean square is known to 8 %
     for pull in (of_f, of_zeta):
-        assert len(pull) > 24 and 0.7 < np.sqrt(np.mean(np.square(pull))) < 1.5
+        assert len(pull) > 60 and 0.8 < np.sqrt(np.mean(np.square(pull))) < 1.5
 
 
 def test_a_machine_s_line_leaves_the_mode_as_it_was():
