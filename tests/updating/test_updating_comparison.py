@@ -179,7 +179,7 @@ def test_the_notes_name_the_parameter_that_eq_7_leaves_farthest(update, worst):
     assert "at iteration 1 (0.50 posterior standard deviations a parameter) and ends 1.70 away" in note
     assert f"farthest is {name}, " in note
     expected = abs(theta[-1, worst] - update.map_theta[worst]) / row_of(found, name).std
-    assert note.endswith(f"{expected:.1f}")
+    assert note.endswith(f"{expected:.2f}")
     assert f"ends {expected:.1f} posterior standard deviations from the MAP: it penalises the step, and after 2" in (
         row_of(found, name).sentence
     )
