@@ -299,7 +299,8 @@ def _exchanged_columns(table: pd.DataFrame, rated: float | None) -> list[tuple[s
         return []
     text = ("is as steady at rated power as a rotor, and rotor_speed_rpm as unsteady as a wind: are the two exchanged? "
             "If so, exchange their names in scada.csv")
-    return [("wind_speed_mps", f"wind_speed_mps in SCADA {text}"), ("rotor_speed_rpm", "rotor_speed_rpm so too")]
+    return [("wind_speed_mps", f"wind_speed_mps in SCADA {text}"),
+            ("rotor_speed_rpm", "rotor_speed_rpm in SCADA is as unsteady at rated power as a wind")]
 
 
 def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str]]:

@@ -352,19 +352,24 @@ def gain_words(finding: Mapping) -> str:
     return text
 
 
+def _expected_shifts(content: Mapping) -> dict[str, list[float]]:
+    """Standard deviations of shifts when the priors are right: before and, where there are findings, with them."""
+    shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
+    return {row["name"]: [x or 1.0 for x in row["expected"] or [1.0]] for row in shown}
+
+
 def surprising_shifts(content: Mapping) -> dict[str, bool]:
     """Parameters shifted from their priors farther than any is in nine of ten records when all priors are right
     -> whether they still are with the findings included."""
     parameters = content.get("parameters", ())
-    shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
-    expected = {row["name"]: row["expected"] for row in shown}
+    expected = _expected_shifts(content)
     limit = NormalDist().inv_cdf(1 - CHANCE_OF_SHIFT / (2 * max(len(parameters), 1)))
     found = {}
     for p in parameters:
         shifts = [p.get("prior_shift"), *([p.get("prior_shift_after")] if content["findings"] else [])]
-        spreads = expected.get(p["name"]) or [1.0]
+        spreads = expected.get(p["name"], [1.0])
         # the same spread in both states where a file has one alone
-        far = [x is not None and abs(x) >= max(limit * (spreads[min(k, len(spreads) - 1)] or 1.0), LEAST_SHIFT)
+        far = [x is not None and abs(x) >= max(limit * spreads[min(k, len(spreads) - 1)], LEAST_SHIFT)
                for k, x in enumerate(shifts)]
         if any(far):
             found[p["name"]] = far[-1] or shifts[-1] is None
@@ -373,16 +378,14 @@ def surprising_shifts(content: Mapping) -> dict[str, bool]:
 
 def prior_shift_words(content: Mapping) -> list[str]:
     """The surprising shifts, and what became of each with the findings included."""
-    shown = content.get("details", {}).get("residuals", {}).get("prior_shift", {}).get("parameters", ())
-    expected = {row["name"]: (row["expected"] or [1.0])[0] or 1.0 for row in shown}
-    surprising = surprising_shifts(content)
+    expected, surprising = _expected_shifts(content), surprising_shifts(content)
     sentences = []
     for p in content.get("parameters", ()):
         if p["name"] not in surprising or p.get("prior_shift") is None:
             continue
         before, after = p["prior_shift"], p.get("prior_shift_after")
         text = (f"{p['name']} is shifted from its prior by {before:+.1f} prior standard deviations where "
-                f"+-{expected.get(p['name'], 1.0):.1f} is expected")
+                f"+-{expected.get(p['name'], [1.0])[0]:.1f} is expected")
         if content["findings"] and after is not None:
             text += f", and by {after:+.1f} with the findings included"
         sentences.append(text)
