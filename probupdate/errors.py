@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from traceback import walk_tb
 from typing import Any, TypeVar, cast
+from unicodedata import category
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -48,8 +49,10 @@ def _to_one_line(text: str) -> str:
 
 
 def plain(text: str, keep: str = "") -> str:
-    """Text without control characters: shown as escapes, so that a terminal does not obey them."""
-    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
+    """Text without control characters: shown as escapes, so that a terminal does not obey them. The narrow space
+    between thousands is a space."""
+    return "".join(c if c.isprintable() or c in keep else " " if category(c) == "Zs" else
+                   c.encode("unicode_escape").decode() for c in text)
 
 
 class ConvergenceError(ProbupdateError):

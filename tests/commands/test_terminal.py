@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from probupdate.cli import terminal
+from probupdate.errors import plain
 
 
 def said(monkeypatch, calls) -> list[str]:
@@ -42,3 +43,8 @@ def test_many_files_of_one_folder_are_one_line(count, lines):
     shown = terminal.written_lines([Path("out") / "draws.csv", *models])
     assert len(shown) == lines and shown[0] == f"wrote {Path('out') / 'draws.csv'}"
     assert lines > 2 or str(count) in shown[1]
+
+
+def test_a_narrow_space_between_thousands_is_a_space_and_no_escape():
+    assert plain("m_h 145\u202f000 kg") == "m_h 145 000 kg"
+    assert plain("\x1b[2J\u2028") == "\\x1b[2J\\u2028"
