@@ -28,7 +28,7 @@ from probupdate.campaign.rigid_bodies import (
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding, std_left_out
 from probupdate.campaign.spectra import SEGMENT_S, mean_products, segment_lines, to_acceleration
 from probupdate.errors import InputError
-from probupdate.evidence.directions import chosen
+from probupdate.evidence.directions import choose_explanations
 from probupdate.evidence.gains import Explanation, explanations
 from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import Sensor
@@ -318,7 +318,8 @@ def _references_of_other_gain(shapes: Sequence[SetupShapes], references: Sequenc
         # of all references but one, as a shape has no size
         open_to = [[i for i, c in enumerate(references) if c not in g and len(g) < len(references) - 1] for g in gains]
         tried = [_explanations_by_others(now, k, references, free) for k, free in enumerate(open_to)]
-        named = [chosen([t.log for t in own], [t.kind == "gain" for t in own]) if own else [] for own in tried]
+        named = [choose_explanations([t.log for t in own], [t.kind == "gain" for t in own]) if own else []
+                 for own in tried]
         if not any(named):
             break
         setup = max((k for k, choice in enumerate(named) if choice),
@@ -326,7 +327,7 @@ def _references_of_other_gain(shapes: Sequence[SetupShapes], references: Sequenc
         options = [tried[setup][k] for k in named[setup]]
         logs = [t.log + _log_rigid(shapes, references, setup, {references[t.members[0]]: t.gain}, gains)
                 for t in options] if len(options) > 1 else [0.0]
-        first, *others = (options[k] for k in chosen(logs, [True] * len(options)))
+        first, *others = (options[k] for k in choose_explanations(logs, [True] * len(options)))
         channel, gain = references[first.members[0]], float(first.gain)
         gains[setup][channel] = gain
         found.append(_Differs(setup=setup, channel=channel, gain=gain, std=float(first.std), alternatives=tuple(

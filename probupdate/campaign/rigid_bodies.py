@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.evidence.directions import chosen
+from probupdate.evidence.directions import choose_explanations
 from probupdate.evidence.gains import ALIKE, Explanation, explanations, outside_share
 from probupdate.modal.modes import Sensor
 
@@ -136,7 +136,8 @@ def explain_motion(
         before = [t.members for t, _ in taken]
         left = [g for g in groups if _independent([*before, g], n)]
         tried = explanations(_correct_samples(samples, [t for t, _ in taken]), motion, left, pairs)
-        choice = [tried[k] for k in chosen([t.log for t in tried], [t.kind in ("gain", "exchange") for t in tried])]
+        named = choose_explanations([t.log for t in tried], [t.kind in ("gain", "exchange") for t in tried])
+        choice = [tried[k] for k in named]
         if not choice:
             break
         taken.append((choice[0], choice[1:]))

@@ -125,7 +125,7 @@ class Residual:
 def residual_of(fitted: Fit, n_own: int) -> Residual:
     """Of a fit with n_own updated parameters."""
     design = fitted.design
-    held = np.array(design.held(n_own))
+    held = np.array(design.fitted_unknowns(n_own))
     return Residual(design=design, left=fitted.residuals, held=held, held_cov=design.unknowns_cov(held))
 
 

@@ -465,7 +465,7 @@ def _factors(modal_set, kept, channels, turn) -> SetFactors | None:
 
 
 def _joint(d: CovarianceFactors | StoredFactors, kept, channels, turn) -> tuple[np.ndarray, np.ndarray]:
-    d = d.loaded()
+    d = d.load()
     return d.ln_frequency[kept], d.shape[channels][:, kept] * turn[None, :, None]
 
 

@@ -84,7 +84,7 @@ class ReferencedBlocks:
         """(n_profile,) range of each profile, over which `profile_information` and `weighed` state amounts."""
         return np.array([np.ptp(p.value) for p in self.profiles])
 
-    def weighed(self) -> EffectGains:
+    def weigh(self) -> EffectGains:
         """Effects of sensors by what they do to shapes, and to the frequencies in the one direction in which they do
         most: all of these drift together."""
         signature, rows = np.array(self.signature), self.directions.frequency
@@ -142,7 +142,7 @@ def odds_of(followed: ReferencedBlocks, unknown: Unknown) -> Odds:
     free = unknown.any_unknown + prior
     if not followed.effects:
         return Odds(total=float(logsumexp(free)), unknown=free, of_sensors=np.zeros(0), weighed=None)
-    weighed = followed.weighed()
+    weighed = followed.weigh()
     names = {name for e in followed.effects for name in e.time_profiles}
     of_effect = {p.name: log_prior_of_effects(followed.effects, p.name) for p in followed.profiles}
     own = np.array([log + prior[h] + of_effect[followed.profiles[h].name][e] - np.log(2)

@@ -149,7 +149,7 @@ def marginal_evidence(
 
 
 def _evidence_at(problem: DiagnosisProblem, fitted: Fit, design: Design) -> float:
-    misfit = design.misfit(fitted.residuals, design.held(len(problem.updated)))
+    misfit = design.misfit(fitted.residuals, design.fitted_unknowns(len(problem.updated)))
     misfit += penalty(problem, fitted.theta, fitted.included, fitted.included)
     return float(-0.5 * misfit + design.log_volume + design.log_noise)
 

@@ -370,7 +370,7 @@ def finding_precision(problem: DiagnosisProblem, fitted: Fit) -> dict:
     together."""
     design, n_own = fitted.design, len(problem.updated)
     free = [n for n in fitted.included if not n.effect.discrete]
-    rows = design.held(n_own)
+    rows = design.fitted_unknowns(n_own)
     covariance = design.unknowns_cov(rows)
     std = np.sqrt(np.diag(covariance))
     prior = [local_std(problem.prior, i, fitted.theta[k]) for i, k in enumerate(problem.updated)]

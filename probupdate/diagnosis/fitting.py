@@ -326,7 +326,7 @@ def centred_residuals(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], residuals
 ) -> tuple[np.ndarray, ...]:
     """Residuals less what the prior's centre would make: of mean zero when nothing is wrong."""
-    made = design.expected(_prior_centre(problem, design, theta, included))
+    made = design.expected_residuals(_prior_centre(problem, design, theta, included))
     return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
                  zip(residuals, made, design.noise.weight, strict=True))
 
@@ -349,7 +349,7 @@ def _remaining_residuals(
     the heading: they differ from block to block, and in the torsion's small components at the tower many times more
     than the noise does, which differences of blocks would else be taken for."""
     solved = design.unknowns(centred_residuals(problem, design, theta, included, residuals))
-    made = design.expected(_prior_centre(problem, design, theta, included) + solved)
+    made = design.expected_residuals(_prior_centre(problem, design, theta, included) + solved)
     return tuple(y - m for y, m in zip(residuals, made, strict=True))
 
 
@@ -400,7 +400,7 @@ def fitted_without_candidates(
         residuals = kept_columns(here, noise)
         centred = centred_residuals(problem, design, theta, included, residuals)
         newton = _newton(problem, design, theta, included, centred)
-        before = design.misfit(residuals, design.held(n_own)) + penalty(problem, theta, included, included)
+        before = design.misfit(residuals, design.fitted_unknowns(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, []) - newton.beyond
         relaxed, reach, way = _relax_step(relaxed, reach, way, newton.share(LONGEST) * newton.way)
@@ -441,8 +441,8 @@ def first_steps(
         design = design_without_candidates(problem, theta, included, noise)
         residuals, centred = centre_about(problem, design, theta, included, here)
         newton = _newton(problem, design, theta, included, centred)
-        misfit = design.misfit(residuals, design.held(len(problem.updated))) + penalty(problem, theta, included,
-                                                                                       included)
+        misfit = (design.misfit(residuals, design.fitted_unknowns(len(problem.updated)))
+                  + penalty(problem, theta, included, included))
         trial = _step_downhill(problem, design, theta, included, newton, misfit, newton.share(LONGEST))
         if trial is None:
             break
@@ -498,7 +498,7 @@ def _newton(
     upper = np.concatenate([problem.prior.upper, [high for _, high in ends]]) - here
     beyond = 0.0
     if np.any((step < lower) | (step > upper)):
-        step, beyond = _maximise_within_bounds(step, design.unknowns_cov(design.held(n_own)), lower, upper)
+        step, beyond = _maximise_within_bounds(step, design.unknowns_cov(design.fitted_unknowns(n_own)), lower, upper)
     scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
     move, change[free] = step[:n_own] / scale, step[n_own:]
     sizes = [d / n.prior_std for d, n in zip(change, included, strict=True)]
@@ -552,7 +552,7 @@ def _trial(
 ) -> _Trial:
     moved_theta, moved = _step(problem, theta, included, share * newton.move * newton.scale, share * newton.change)
     there = residuals_at(problem, moved_theta, moved)
-    held = design.held(len(problem.updated))
+    held = design.fitted_unknowns(len(problem.updated))
     misfit = design.misfit(kept_columns(there, design.noise), held) + penalty(problem, moved_theta, moved, included)
     return _Trial(theta=moved_theta, included=moved, there=there, misfit=misfit, share=share)
 
@@ -564,7 +564,7 @@ def _length(
     updated = list(problem.updated)
     count = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(design.noise.weight, trial.there, strict=True))
     # what is left beyond the noise makes the posterior wider
-    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * max(1.0, trial.misfit / count))
+    known = np.sqrt(np.diag(design.unknowns_cov(design.fitted_unknowns(len(updated)))) * max(1.0, trial.misfit / count))
     moved = np.abs(trial.theta[updated] - theta[updated])
     grown = [abs(trial.included[k].size - included[k].size) for k in _free_effects(included)]
     return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))

@@ -106,7 +106,7 @@ def contest(
     densities = [log_density(d, r, own)[0] for d, r, own in zip(designs, residuals, parts, strict=True)]
     # by which predictions from the whole record differ: what varies between folds is no difference of the models
     left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
-             zip(y, d.expected(mean), noise.weight, strict=True)]
+             zip(y, d.expected_residuals(mean), noise.weight, strict=True)]
             for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]
     difference = [a - b for a, b in zip(*left, strict=True)]
     solution = solve_covariance(designs[0], difference, parts[0])

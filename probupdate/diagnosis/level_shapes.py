@@ -144,7 +144,7 @@ class LevelReference:
         tolerated = [allowed * self.signature(effect) for effect, allowed in self.tolerated]
         return np.column_stack([linalg.block_diag(*groups), *tolerated])
 
-    def seen(self, effect: Effect, size: float) -> list[np.ndarray]:
+    def sensed_shapes(self, effect: Effect, size: float) -> list[np.ndarray]:
         """Per group (n_channel, n_channel) what an effect of sensors makes of shapes."""
         return [effect.observation(np.eye(len(s), dtype=complex), hz, size)[0]
                 for s, hz in zip(self.shape, self.frequency_hz, strict=True)]
@@ -154,7 +154,7 @@ class LevelReference:
         if effect.key not in self.laws:
             h = effect.step_of_size
             self.laws[effect.key] = [(more - less) / (2 * h) for more, less in
-                                     zip(self.seen(effect, h), self.seen(effect, -h), strict=True)]
+                                     zip(self.sensed_shapes(effect, h), self.sensed_shapes(effect, -h), strict=True)]
         return _numbers([law @ s for law, s in zip(self.laws[effect.key], self.shape, strict=True)])
 
     def score_effect(self, effect: Effect) -> tuple[float, float, float]:
@@ -167,7 +167,7 @@ class LevelReference:
     def remove_effect(self, effect: Effect, size: float) -> LevelReference:
         """The shapes as they were without an effect of that size; a shape has no scale of its own."""
         shapes, scatter = [], []
-        for M, s, own in zip(self.seen(effect, size), self.shape, self.scatter, strict=True):
+        for M, s, own in zip(self.sensed_shapes(effect, size), self.shape, self.scatter, strict=True):
             back = np.linalg.inv(M)
             shape, scale = _rotate_to_real(back @ s)
             shapes.append(shape)

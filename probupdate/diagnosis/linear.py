@@ -112,7 +112,7 @@ class Design:
         """Unknowns that all groups share: c and the sizes of included effects."""
         return self.nuisance_std.size + len(self.included)
 
-    def held(self, n_own: int) -> list[int]:
+    def fitted_unknowns(self, n_own: int) -> list[int]:
         """Numbers of the unknowns that a fit chooses: the first n_own parameters and the sizes of included effects."""
         return [*range(n_own), *range(self.sizes.start, self.sizes.stop)]
 
@@ -312,7 +312,7 @@ class Design:
         ends = np.searchsorted(self.bin_of[order], np.arange(self.n_bin + 1))
         n_profile, n_effect = len(self.time_profiles), self.effect[0].shape[2]
         raw = np.zeros((n_profile, *residuals[0].shape[:-2], n_effect))
-        for q, (y, made) in enumerate(zip(residuals, self.expected(unknowns), strict=True)):
+        for q, (y, made) in enumerate(zip(residuals, self.expected_residuals(unknowns), strict=True)):
             left = np.moveaxis(((y - made) * self.noise.weight[q][:, None]) @ self.noise.precision[q], -2, 0)[order]
             seen = np.empty((*left.shape[:-1], n_effect))
             for g in range(self.n_bin):
@@ -373,7 +373,7 @@ class Design:
         rows = np.asarray(rows, int)
         return self._solve(np.eye(self.n_unknown)[:, rows])[rows]
 
-    def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
+    def expected_residuals(self, unknowns: np.ndarray) -> list[np.ndarray]:
         """Residuals per group (..., n_block, n_response) that unknowns (..., n_unknown) make."""
         result = []
         for h, discrepancy_std, sorted_unknowns in zip(
@@ -399,7 +399,7 @@ class Design:
         if self.noise.stated:
             return np.ones(weights.shape[1])
         own, known = np.zeros((2, len(self.bin_of), weights.shape[1]))
-        for q, (y, normal) in enumerate(zip(residuals, self.expected(self.unknowns(residuals)), strict=True)):
+        for q, (y, normal) in enumerate(zip(residuals, self.expected_residuals(self.unknowns(residuals)), strict=True)):
             follows, weight = self._profile_values[q][time_profile], self.noise.weight[q]
             for g in range(self.n_bin):
                 blocks = np.flatnonzero((self.bin_of == g) & (weight > 0))
@@ -458,7 +458,7 @@ class Design:
 
     def simulate(self, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
         """Residuals per group (n_block, n_response) of one record with nothing wrong, zero where not measured."""
-        expected = self.expected(rng.standard_normal(self.n_unknown) * self.prior_std)
+        expected = self.expected_residuals(rng.standard_normal(self.n_unknown) * self.prior_std)
         result = []
         for y, covariance, weight in zip(expected, self.noise.covariance, self.noise.weight, strict=True):
             noise = rng.standard_normal(y.shape) @ np.linalg.cholesky(covariance).T

@@ -58,7 +58,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     there, root = design.select_blocks(rows), covariance_root(Q, design.prior_std)
     weight = there.noise.weight
     residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
-                     for y, m, w in zip(centred, there.expected(mean), weight, strict=True))
+                     for y, m, w in zip(centred, there.expected_residuals(mean), weight, strict=True))
     shares, squares = log_density(there, residual, [(np.arange(len(rows)), root)])
     numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
     return Prediction(
@@ -123,7 +123,7 @@ def solve_covariance(
     for k, ((places, part), of_part) in enumerate(zip(parts, there, strict=True)):
         unknowns = np.zeros(design.n_unknown)
         unknowns[: len(part)] = part @ solution[ends[k] : ends[k + 1]]
-        for m, made in zip(moved, of_part.expected(unknowns), strict=True):
+        for m, made in zip(moved, of_part.expected_residuals(unknowns), strict=True):
             m[places] += made
     solved, shares, common, numbers = [], np.zeros(n_block), 0.0, np.zeros(n_block)
     for r, m, weight, precision in zip(y, moved, design.noise.weight, design.noise.precision, strict=True):
@@ -160,7 +160,8 @@ def _prediction_std(design: Design, root: np.ndarray) -> list[np.ndarray]:
     profiles = [*(profile for _, profile, _ in design.included), *(profile for profile, _ in design.model_errors)]
     levels = np.column_stack([design.bin_of, *(profile.value for profile in profiles)])
     _, first, place = np.unique(levels, axis=0, return_index=True, return_inverse=True)
-    each = [[np.sum(made**2, axis=0) for made in design.select_blocks(np.array([k])).expected(root.T)] for k in first]
+    each = [[np.sum(made**2, axis=0) for made in design.select_blocks(np.array([k])).expected_residuals(root.T)]
+            for k in first]
     result = []
     for of_group, covariance, weight in zip(zip(*each, strict=True), design.noise.covariance, design.noise.weight,
                                             strict=True):

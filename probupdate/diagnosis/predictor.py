@@ -25,7 +25,7 @@ from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.frequency_pairs import pair_in_order
 from probupdate.modal.matching import assign
-from probupdate.modal.modes import spanning
+from probupdate.modal.modes import modes_of_plane
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 
@@ -136,7 +136,7 @@ class ModalPredictor:
             end = start + size
             own = tuple(sorted(int(i) for i in chosen[start:end]))
             if len(own) == 2:
-                own = spanning(plane, shown, score[start], own, taken)
+                own = modes_of_plane(plane, shown, score[start], own, taken)
                 taken = taken - set(chosen[start:end].tolist()) | set(own)
             groups.append(own)
         return groups
@@ -239,7 +239,7 @@ class ModalPredictor:
         (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
         places, own_shapes = [], []
         for angle in angles_deg:
-            modes = local.solved(angle)
+            modes = local.modes_at(angle)
             shape, groups = self.group_members(local, modes)
             places.append((angle, modes, groups))
             own_shapes.append(shape)
@@ -289,7 +289,7 @@ def _observed_shapes(
     """Shapes (n_channel, n) behind all effects, and what they add to ln f (n,)."""
     shift = np.zeros(len(frequency_hz))
     for effect, size in sorted(effects, key=lambda e: e[0].stage):
-        shape, more = effect.seen(shape, frequency_hz, size)
+        shape, more = effect.sensed(shape, frequency_hz, size)
         shift = shift + more
     return shape, shift
 

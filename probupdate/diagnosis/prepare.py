@@ -58,12 +58,12 @@ class Prepared:
         """Where the nacelle looks in the model's file as it is, from the model's x axis."""
         return resting_angle_deg(self.path)
 
-    def reading(self, data: ModalData) -> Prepared:
+    def with_stated_gravity(self, data: ModalData) -> Prepared:
         """With what the modal sets state of their channels' gravity in place of what the sensors do."""
         if not data.felt:
             return self
         return replace(self, small=self.small.with_gravity(data.felt),
-                       sensors=tuple(s.stated(data.felt) for s in self.sensors))
+                       sensors=tuple(s.with_gravity(data.felt) for s in self.sensors))
 
     def effects_on(self, channels: Sequence[str], highest_hz: float = np.inf) -> tuple[Effect, ...]:
         """The whole catalogue for a record of these channels, in their order, and of modes up to `highest_hz`."""
@@ -110,7 +110,7 @@ def prepare(
             model = replace(others[0], turned=tuple((one.stiffness, one.mass) for one in others[1:]))
         return _prepare_matrices(path, model, own, _places(path, model, sensors))
     description = read_description(path)
-    placed = tuple(s.stated(felt) for s in (described_sensors(description) if sensors is None else sensors))
+    placed = tuple(s.with_gravity(felt) for s in (described_sensors(description) if sensors is None else sensors))
     catalogue = (*turbine_effects(description, sensors=placed), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
     progress("preparing the model", 0, 2)

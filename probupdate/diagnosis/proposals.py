@@ -321,7 +321,7 @@ def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEff
     """The fit's included effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
     included, answers = list(fitted.included), ModelAnswers()
-    held, noise = fitted.design.held(len(problem.updated)), fitted.design.noise
+    held, noise = fitted.design.fitted_unknowns(len(problem.updated)), fitted.design.noise
     for i, n in enumerate(included):
         if n.time_profile.kind != "step":
             continue

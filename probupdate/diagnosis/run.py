@@ -69,7 +69,7 @@ class ModelSource:
         """With what the modal sets state of gravity. Raises InputError where the model has no matrices."""
         if isinstance(self.model, Prepared):
             made = self.model if self.discrepancy is None else replace(self.model, discrepancy=self.discrepancy)
-            return made.reading(data)
+            return made.with_stated_gravity(data)
         if not isinstance(self.model, Path):
             raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                              "export its matrices as model.npz")
@@ -77,7 +77,7 @@ class ModelSource:
         groups = read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
         made = prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
                        felt=data.felt, progress=progress)
-        return replace(made, discrepancy=self.discrepancy).reading(data)
+        return replace(made, discrepancy=self.discrepancy).with_stated_gravity(data)
 
     def refuse_without_model(self) -> None:
         own = [e for e in self.effects if e.adds is not None]

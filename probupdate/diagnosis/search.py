@@ -150,7 +150,7 @@ def maxima_with_own_noise(problem: DiagnosisProblem, design: Design, can, usable
     maxima = []
     for _ in range(N_BOOTSTRAP if len(weights) < SHORT and problem.mixing is None else N_AGAIN):
         y = design.simulate(rng)
-        left = tuple(a - b for a, b in zip(y, design.expected(design.unknowns(y)), strict=True))
+        left = tuple(a - b for a, b in zip(y, design.expected_residuals(design.unknowns(y)), strict=True))
         noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""),
                                mixing=problem.mixing)
         again = replace(design, noise=noise)

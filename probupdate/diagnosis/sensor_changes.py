@@ -66,7 +66,7 @@ class Case:
     profile: TimeProfile
     log_prior: float
 
-    def seen(self, blocks: Blocks, effects: Sequence[Effect] = ()) -> ReferencedBlocks:
+    def with_reference(self, blocks: Blocks, effects: Sequence[Effect] = ()) -> ReferencedBlocks:
         """Blocks beside what was before the step."""
         return watch(blocks, effects, self.sensors, self.known, [self.profile], self.profile.value)
 
@@ -113,7 +113,7 @@ def changes_of_sensors(
 def _add_one_effect(case: Case, begun: PutRight) -> list[PutRight]:
     """The effects that first order or their own large size promise most beside those begun with, each put right at the
     size that leaves nothing of it."""
-    seen = case.seen(begun.blocks, case.catalogue)
+    seen = case.with_reference(begun.blocks, case.catalogue)
     size, std = sizes(seen.along, seen.signature)
     gain = np.where(np.isfinite(std[:, 0]), np.abs(size[:, 0] / std[:, 0]), 0.0)
     gain = np.where([bool(e.discrete) or e in begun.effects for e in case.catalogue], 0.0, gain)
@@ -191,9 +191,9 @@ class SetOdds:
 def _judge_hypotheses(case: Case, hypotheses: Sequence[PutRight]) -> SetOdds:
     """All on the same numbers: in the directions in which the record scatters once the one is put right that leaves
     nothing, or that is the most probable of those that do."""
-    first = _judge_numbers(case, case.seen(hypotheses[0].blocks), hypotheses)
+    first = _judge_numbers(case, case.with_reference(hypotheses[0].blocks), hypotheses)
     best = max(hypotheses, key=lambda one: (first.left[one.keys] < 0, first.of[one.keys]))
-    return first if best is hypotheses[0] else _judge_numbers(case, case.seen(best.blocks), hypotheses)
+    return first if best is hypotheses[0] else _judge_numbers(case, case.with_reference(best.blocks), hypotheses)
 
 
 def _judge_numbers(case: Case, seen: ReferencedBlocks, hypotheses: Sequence[PutRight]) -> SetOdds:
@@ -236,7 +236,7 @@ def _answer(
 
 def _refine_step(case: Case, one: PutRight) -> TimeProfile:
     """The step from which an effect of its size leaves least, by halved steps."""
-    n, seen = len(case.blocks), replace(case.seen(one.blocks), profiles=())
+    n, seen = len(case.blocks), replace(case.with_reference(one.blocks), profiles=())
     (effect,), (size,) = one.effects, one.size
 
     @cache

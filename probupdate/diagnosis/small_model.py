@@ -158,7 +158,7 @@ class SmallModel:
     def with_gravity(self, felt: Mapping[str, bool]) -> SmallModel:
         """As `AffineModel.with_gravity`."""
         return self if self.gravity is None else replace(
-            self, gravity=self.gravity.stated(felt, self.channels), known={},
+            self, gravity=self.gravity.with_gravity(felt, self.channels), known={},
             bare=None if self.bare is None else self.bare.with_gravity(felt))
 
     @property
@@ -311,11 +311,11 @@ class LocalModel:
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=core @ vectors,
                           on_core=vectors)
 
-    def solved(self, angle_deg: float) -> SmallModes:
+    def modes_at(self, angle_deg: float) -> SmallModes:
         """All modes there, kept: more than once is asked how they change."""
         bare = self._bare
         if bare is not None:
-            return bare.solved(angle_deg)
+            return bare.modes_at(angle_deg)
         if angle_deg not in self._solved_modes:
             self._solved_modes[angle_deg] = self.solve(angle_deg)
         return self._solved_modes[angle_deg]

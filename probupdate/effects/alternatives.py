@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modal.matching import assign, channel_rows, close_clusters, reading
+from probupdate.modal.matching import assign, channel_rows, close_clusters, with_stated_gravity
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ModelUncertainty
 from probupdate.runtime.arrays import frozen_array
@@ -89,8 +89,8 @@ class AlternativeModels:
 
     def with_gravity(self, felt: Mapping[str, bool]) -> AlternativeModels:
         known = None if self.known is None else self.known.with_gravity(felt)
-        return replace(self, model=reading(self.model, felt), known=known,
-                       others=tuple((name, reading(other, felt)) for name, other in self.others))
+        return replace(self, model=with_stated_gravity(self.model, felt), known=known,
+                       others=tuple((name, with_stated_gravity(other, felt)) for name, other in self.others))
 
     def fingerprint(self) -> str:
         parts = ["" if self.known is None else self.known.fingerprint(), *(o.fingerprint() for _, o in self.others)]

@@ -138,7 +138,7 @@ class Effect:
             raise ValueError(f"effect {self.name} is none of sensors: it has no observation")
         return self.observe
 
-    def seen(self, shape: np.ndarray, frequency_hz: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    def sensed(self, shape: np.ndarray, frequency_hz: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         """`observe` of modes (n_channel, n) with their own frequencies (n,): shapes and what is added to ln f (n,)."""
         observe = self.observation
         if isinstance(observe, LAWS):

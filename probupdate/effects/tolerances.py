@@ -17,7 +17,7 @@ import numpy as np
 
 from probupdate.effects.catalogue import Effect, Observation, measurement_effects
 from probupdate.effects.turbine import turbine_effects
-from probupdate.modal.matching import reading
+from probupdate.modal.matching import with_stated_gravity
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
@@ -138,7 +138,7 @@ class SensorUncertainty:
         return replace(solution, frequency_derivative=np.zeros((n_mode, len(self.effects))), shape_derivative=change)
 
     def with_gravity(self, felt: Mapping[str, bool]) -> SensorUncertainty:
-        return replace(self, model=reading(self.model, felt))
+        return replace(self, model=with_stated_gravity(self.model, felt))
 
     def fingerprint(self) -> str:
         return _hash(self.sources)
@@ -201,7 +201,7 @@ class TurbineUncertainty:
         )
 
     def with_gravity(self, felt: Mapping[str, bool]) -> TurbineUncertainty:
-        return replace(self, sensors=tuple(s.stated(felt) for s in self.sensors))
+        return replace(self, sensors=tuple(s.with_gravity(felt) for s in self.sensors))
 
     def fingerprint(self) -> str:
         return _hash(self.sources)

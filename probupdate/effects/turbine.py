@@ -23,10 +23,10 @@ from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attachments, line_of
 from probupdate.structure.description import (
     Description,
+    FoundationTurbine,
+    JacketTurbine,
+    MonopileTurbine,
     Offshore,
-    OnFoundation,
-    OnJacket,
-    OnMonopile,
     TubeEntry,
     described_sensors,
 )
@@ -55,11 +55,11 @@ def turbine_effects(d: Description, *, sensors: Sequence[Sensor] | None = None) 
     placed = described_sensors(d) if sensors is None else sensors
     level = [(s.channel, bool(s.gravity)) for s in placed if rotation_reading(s.direction).any()]
     rows = [*_theory(d)]
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         rows += [*_jacket(d), *_transition_piece(d), *_flanges(d), *_pile_heads(d)]
-    elif isinstance(d, OnMonopile):
+    elif isinstance(d, MonopileTurbine):
         rows += [*_monopile(d), *_sleeve(d), *_flanges(d)]
-    elif isinstance(d, OnFoundation):
+    elif isinstance(d, FoundationTurbine):
         rows += [*_foundation(d), *_flanges(d)]
     if isinstance(d, Offshore):
         rows += [*_soil(d), *_water(d)]
@@ -81,15 +81,15 @@ def _row(name, kind, cause, location, *, low, high, prior_scale, on=None, settin
 
 def _legs(d: Description) -> tuple[str, ...]:
     """Of a jacket; a single pile has no rows beside those of the whole."""
-    return d.jacket.leg_names if isinstance(d, OnJacket) else ()
+    return d.jacket.leg_names if isinstance(d, JacketTurbine) else ()
 
 
 def _soil_part(d: Description) -> str:
     """What stands in the soil."""
-    return "all legs" if isinstance(d, OnJacket) else d.stands_on
+    return "all legs" if isinstance(d, JacketTurbine) else d.stands_on
 
 
-def _bays(d: OnJacket) -> range:
+def _bays(d: JacketTurbine) -> range:
     return range(1, len(d.jacket.bay) + 1)
 
 
@@ -105,7 +105,7 @@ def _joint(name: str, location: str, on: dict) -> Effect:
                 signature="as the braces there, weaker", check="inspect the weld toes of these nodes")
 
 
-def _jacket(d: OnJacket) -> Iterator[Effect]:
+def _jacket(d: JacketTurbine) -> Iterator[Effect]:
     for bay in _bays(d):
         for face in d.jacket.faces:
             yield _brace(f"brace_{face}_{bay}", f"face {face}, bay {bay}", {"group": "brace", "face": face, "bay": bay})
@@ -133,8 +133,8 @@ def _theory(d: Description) -> Iterator[Effect]:
     """Bernoulli-Euler members do not deform in shear, real ones do: normal, and far from nothing where they are
     stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
     if d.mesh.theory == "bernoulli-euler":
-        foot = d.jacket.top.z_m if isinstance(d, OnJacket) else -np.inf
-        stout = {"level_m": (foot, d.tower.station[-1].z_m)} if isinstance(d, OnJacket) else {}
+        foot = d.jacket.top.z_m if isinstance(d, JacketTurbine) else -np.inf
+        stout = {"level_m": (foot, d.tower.station[-1].z_m)} if isinstance(d, JacketTurbine) else {}
         where = "above the jacket" if stout else "all members"
         yield _row("shear", "shear", "shear deformation", where, on=stout, low=0.0, high=3.0,
                    tolerance=1.0, prior_scale=1.0, time_profiles=("constant",),
@@ -142,7 +142,7 @@ def _theory(d: Description) -> Iterator[Effect]:
                    check='set mesh.theory = "timoshenko" in the model file and update again')
 
 
-def _transition_piece(d: OnJacket) -> Iterator[Effect]:
+def _transition_piece(d: JacketTurbine) -> Iterator[Effect]:
     for group in ("strut", "tie"):
         for leg in d.jacket.leg_names:
             yield _row(f"{group}_{leg}", "stiffness", "transition-piece flexibility", f"{group} {leg}",
@@ -163,7 +163,7 @@ def _flanges(d: Description) -> Iterator[Effect]:
                    check="bolt forces, gap measurement at the flange")
 
 
-def _pile_heads(d: OnJacket) -> Iterator[Effect]:
+def _pile_heads(d: JacketTurbine) -> Iterator[Effect]:
     head = d.jacket.bottom.z_m
     soft, long = _flexibility_of_three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
     for kind, name, words, scale in (("hinge", "hinge_pile", "grout flexibility in bending", soft),
@@ -175,14 +175,14 @@ def _pile_heads(d: OnJacket) -> Iterator[Effect]:
                        signature="as softer soil of one leg", check="inspect the grout seal")
 
 
-def _bands(d: OnMonopile) -> Iterator[tuple[str, str, tuple[float, float]]]:
+def _bands(d: MonopileTurbine) -> Iterator[tuple[str, str, tuple[float, float]]]:
     """Of the monopile between its stations, as far as it stands above the mudline: number, words, levels."""
     free = [z for z in (d.site.mudline_m, *(s.z_m for s in d.monopile.station)) if z >= d.site.mudline_m]
     for number, (low, high) in enumerate(pairwise(sorted(set(free))), 1):
         yield str(number), f"{low:g} to {high:g} m", (low, high)
 
 
-def _monopile(d: OnMonopile) -> Iterator[Effect]:
+def _monopile(d: MonopileTurbine) -> Iterator[Effect]:
     for number, words, band in _bands(d):
         yield _row(f"monopile_{number}", "stiffness", "monopile stiffness lost", words,
                    on={"group": "pile", "level_m": band}, low=-0.9, high=1.0, tolerance=0.01, prior_scale=0.2,
@@ -195,7 +195,7 @@ def _monopile(d: OnMonopile) -> Iterator[Effect]:
                signature="second bending falls", check="weight report: anodes, attached structures, ballast")
 
 
-def _sleeve(d: OnMonopile) -> Iterator[Effect]:
+def _sleeve(d: MonopileTurbine) -> Iterator[Effect]:
     sleeve = d.transition_piece
     if sleeve is None:
         return
@@ -210,7 +210,7 @@ def _sleeve(d: OnMonopile) -> Iterator[Effect]:
                if grouted else "bolt forces, gap measurement at the flange")
 
 
-def _foundation(d: OnFoundation) -> Iterator[Effect]:
+def _foundation(d: FoundationTurbine) -> Iterator[Effect]:
     if d.foundation.support == "clamped":
         return
     yield _row("foundation", "joint", "foundation stiffness", "tower's foot", on={"part": "foundation"}, low=-0.95,
@@ -255,7 +255,7 @@ def _largest_corrosion(d: Offshore) -> float:
     def wall_left(entry, letter: str) -> float:
         return entry.thickness_m * low.get(f"t_{letter}", d.values.get(f"t_{letter}", 1.0)) - own
 
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         band = [bay for bay in d.jacket.bay if bay.bottom_m <= d.corrosion.top_m and bay.top_m >= d.corrosion.bottom_m]
         walls = [wall_left(d.jacket.leg, "l") / 2, *(wall_left(bay.brace, "b") for bay in band)]
     else:
@@ -264,7 +264,7 @@ def _largest_corrosion(d: Offshore) -> float:
 
 
 def _tubes_of_splash_zone(d: Offshore) -> list[TubeEntry]:
-    if not isinstance(d, OnMonopile):
+    if not isinstance(d, MonopileTurbine):
         return []
     piece = () if d.transition_piece is None else (d.transition_piece.tube,)
     return [*(TubeEntry(diameter_m=s.diameter_m, thickness_m=s.thickness_m) for s in d.monopile.station
@@ -292,9 +292,9 @@ def _water(d: Offshore) -> Iterator[Effect]:
                    on={"group": "leg", "leg": leg, "level_m": band}, signature="as a crack of that leg, small",
                    **corroded)
     flooded = {"tolerance": 0.0, "prior_scale": 0.5, "check": "flooded-member detection by ultrasound"}
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         yield from _water_of_bays(d, growth, flooded)
-    elif isinstance(d, OnMonopile) and d.monopile.flooded:
+    elif isinstance(d, MonopileTurbine) and d.monopile.flooded:
         yield _row("flood_monopile", "flooding", "monopile not flooded", "monopile",
                    on={"group": "pile", "level_m": (d.site.mudline_m, d.site.water_level_m)}, low=-1.0, high=0.0,
                    signature="second bending rises", **(flooded | {"check": "water level inside"}))
@@ -302,10 +302,10 @@ def _water(d: Offshore) -> Iterator[Effect]:
 
 def _reaches(d: Offshore, below: float, above: float = -np.inf) -> bool:
     """Whether a jacket's legs have a part between two levels."""
-    return isinstance(d, OnJacket) and d.jacket.bottom.z_m < below and d.jacket.top.z_m > above
+    return isinstance(d, JacketTurbine) and d.jacket.bottom.z_m < below and d.jacket.top.z_m > above
 
 
-def _water_of_bays(d: OnJacket, growth: dict, flooded: dict) -> Iterator[Effect]:
+def _water_of_bays(d: JacketTurbine, growth: dict, flooded: dict) -> Iterator[Effect]:
     for bay in _bays(d):
         levels = d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m
         if levels[0] < d.hydrodynamics.growth_top_m:
@@ -357,7 +357,7 @@ def _masses(d: Description) -> Iterator[Effect]:
                    signature="curvature of the tower's shapes", check="wall thicknesses, cracks")
     own = _transition_piece_mass(d)
     if own:
-        yield _row("tp_mass", "mass", "transition-piece mass", "column" if isinstance(d, OnJacket) else
+        yield _row("tp_mass", "mass", "transition-piece mass", "column" if isinstance(d, JacketTurbine) else
                    "transition piece", on={"group": "column"}, low=-0.5 * own,
                    high=3.0 * own, tolerance=0.03 * own, prior_scale=0.5 * own,
                    signature="second bending falls", check="weight report of the transition piece")
@@ -370,11 +370,11 @@ def _masses(d: Description) -> Iterator[Effect]:
 
 def _transition_piece_mass(d: Description) -> float:
     """kg; 0 without one."""
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         top = d.transition_piece
         return top.lumped_mass_kg + _tube_mass(
             d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
-    if isinstance(d, OnMonopile) and d.transition_piece is not None:
+    if isinstance(d, MonopileTurbine) and d.transition_piece is not None:
         own = d.transition_piece
         return own.lumped_mass_kg + _tube_mass(d, own.tube.diameter_m, own.tube.thickness_m,
                                                d.tower.station[0].z_m - own.bottom_m)
@@ -405,7 +405,7 @@ def _environment(d: Description) -> Iterator[Effect]:
               signature="all frequencies fall with temperature", check="steel temperature sensors")
     # along a straight tower a force across it is not an axial one: there is nothing whose geometric stiffness it
     # changes
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, prior_scale=5e5,
                   time_profiles=("thrust_share",), signature="first bending falls with thrust",
                   check="tower bending strain")

@@ -40,7 +40,7 @@ def log_evidence(
     return logsumexp(np.sum(count * log, axis=-1), axis=-1) - np.log(len(ERRORS))
 
 
-def chosen(log: Sequence[float], names: Sequence[bool]) -> list[int]:
+def choose_explanations(log: Sequence[float], names: Sequence[bool]) -> list[int]:
     """Which of some explanations (ln of probabilities up to a constant) are named, the most probable first: those that
     are `names` of a fault, among which it lies as good as certainly; empty where it does not."""
     share = softmax(np.asarray(log, float)) * np.asarray(names)

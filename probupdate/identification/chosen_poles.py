@@ -129,7 +129,7 @@ def follow(
         judged = judge(one)
         choice, start = tracking.choose(judged.poles, row, settings.classifier), one.block.start
         if hand is not None:
-            choice = hand.chosen(start, judged.poles, choice)
+            choice = hand.choose(start, judged.poles, choice)
         picked[start] = _pick_poles(judged, choice, settings.order, start, hand)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
     tracked = TrackedModes(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),

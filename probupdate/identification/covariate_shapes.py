@@ -101,7 +101,7 @@ def choose_shapes(
         shapes.append(Shape(kind=ahead[k].kind, covariate=ahead[k].covariate, constant=found[k].constant,
                             constant_std=found[k].std, ln_odds=float(gain), names=ahead[k].names(found[k].constant)))
         so_far.take(ahead[k], found[k])
-    return so_far.chosen(shapes)
+    return so_far.choose(shapes)
 
 
 @dataclass(eq=False)
@@ -142,7 +142,7 @@ class _Columns:
         # a structure may step again
         self.taken |= {candidate.way} if candidate.kind != "step" else set()
 
-    def chosen(self, shapes: Sequence[Shape]) -> ChosenCovariates:
+    def choose(self, shapes: Sequence[Shape]) -> ChosenCovariates:
         return ChosenCovariates(
             names=tuple(n for own in self.names.values() for n in own),
             columns=tuple(c for block in self.blocks.values() for c in block.T),

@@ -12,7 +12,7 @@ import numpy as np
 from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
-from probupdate.io.schema import Range, table_as, validated
+from probupdate.io.schema import Range, table_as, validate
 from probupdate.modal.labels import is_along_x, is_bending, label_across
 from probupdate.modal.modes import ModalSet
 
@@ -47,7 +47,7 @@ class SelectionCriteria:
     unresolved_angle_deg: Angle = 30.0
 
     def __post_init__(self):
-        validated(self, "selection", "see SelectionCriteria")
+        validate(self, "selection", "see SelectionCriteria")
 
 
 

@@ -56,7 +56,7 @@ class HandPickedModes:
         """The same without the block's rejected poles."""
         return replace(poles, verdict=np.where(self.reasons(start, poles.poles) == "", poles.verdict, rules.REJECTED))
 
-    def chosen(self, start: pd.Timestamp, poles: JudgedPoles, tracked: Choice) -> Choice:
+    def choose(self, start: pd.Timestamp, poles: JudgedPoles, tracked: Choice) -> Choice:
         """What stands for the modes in a block: the picked poles and none but these, where any were picked there."""
         picked = self.picked.get(start)
         if picked is None:

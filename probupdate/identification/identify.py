@@ -324,6 +324,6 @@ def classify_blocks(
 
 def hold_factors(identification: Identification) -> Identification:
     """The same with its covariance factors in memory, before the store goes that they are read from."""
-    sets = tuple(s if s.covariance_factors is None else replace(s, covariance_factors=s.covariance_factors.loaded())
+    sets = tuple(s if s.covariance_factors is None else replace(s, covariance_factors=s.covariance_factors.load())
                  for s in identification.data.sets)
     return replace(identification, data=replace(identification.data, sets=sets))

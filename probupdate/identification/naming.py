@@ -58,7 +58,7 @@ def name_modes(
     matched = None
     if reference is not None and campaign is not None:
         wanted = reference.labels
-        model = reference if others is None else reference.joined(others)
+        model = reference if others is None else reference.join(others)
         matched = _match_modes(sets, physical, seen, model, len(wanted), campaign)
     columns, labels = _columns(seen, wanted, matched)
     own = [s.of_modes(columns) for s in sets]

@@ -77,7 +77,7 @@ class ReferenceModes:
             turning=renumber(self.turning or ()),
             range_hz=None if self.range_hz is None else self.range_hz[chosen])
 
-    def joined(self, others: ReferenceModes) -> ReferenceModes:
+    def join(self, others: ReferenceModes) -> ReferenceModes:
         """These modes and after them the others."""
         n = len(self.labels)
         return ReferenceModes(

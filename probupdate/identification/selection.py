@@ -327,11 +327,11 @@ def outlying_sets(sets: list[ModalSet], required: list[int]) -> np.ndarray:
     deviate, Rosner 1983); by chance in one of a thousand selections is any."""
     odd, frequency = np.zeros(len(sets), bool), np.array([s.frequency_hz for s in sets])
     for values, rounding in zip(frequency.T[required], rounding_std(frequency)[required], strict=True):
-        odd |= outlying(values, FALSE_ODD / len(required), rounding)
+        odd |= find_outliers(values, FALSE_ODD / len(required), rounding)
     return odd
 
 
-def outlying(values: np.ndarray, false_alarm: float, rounding: float) -> np.ndarray:
+def find_outliers(values: np.ndarray, false_alarm: float, rounding: float) -> np.ndarray:
     """(n,) bool: which of normally distributed values (n,), whose rounding has the standard deviation `rounding`, are
     outliers: a third of them at most, however they mask one another."""
     from scipy import stats
@@ -352,14 +352,14 @@ def outlying(values: np.ndarray, false_alarm: float, rounding: float) -> np.ndar
 
 
 def wrong_values(sets: Sequence[ModalSet]) -> np.ndarray:
-    """(n_set, n_mode) bool: frequencies that are outliers (`outlying`) among those of the same state, whether or not
-    their block passes: one of them would be most of a CoV."""
+    """(n_set, n_mode) bool: frequencies that are outliers (`find_outliers`) among those of the same state, whether
+    or not their block passes: one of them would be most of a CoV."""
     frequency = np.array([s.frequency_hz for s in sets])
     states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
     wrong, rounding = np.zeros(frequency.shape, bool), rounding_std(frequency)
     for name, j in product(dict.fromkeys(states), range(frequency.shape[1])):
         own = np.flatnonzero((states == name) & np.isfinite(frequency[:, j]))
-        wrong[own, j] = outlying(frequency[own, j], FALSE_ODD / frequency.shape[1], rounding[j])
+        wrong[own, j] = find_outliers(frequency[own, j], FALSE_ODD / frequency.shape[1], rounding[j])
     return wrong
 
 

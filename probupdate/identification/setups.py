@@ -100,7 +100,7 @@ def identify_setups(
     if reference is None:
         merged = merge_setups(setups, same_modes=True)
         return replace(merged, summary="\n".join([merged.summary, *notes]))
-    model = reference if others is None else reference.joined(others)
+    model = reference if others is None else reference.join(others)
     named, matched = _name_modes(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, matched, reference.labels, notes, settings)

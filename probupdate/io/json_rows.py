@@ -17,7 +17,7 @@ from typing import Annotated, Any, TypeVar, Union
 import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
-from probupdate.io.schema import validated
+from probupdate.io.schema import validate
 from probupdate.runtime.arrays import frozen_array
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ def from_table(kind: type[T], table: Mapping, path: str | Path, remedy: str, *, 
         raise InputError(f"{path}, format", f"is not {name}, or of another version's format ({found!r:.40})", remedy)
     with of_file(path), parsing(str(path), f"is not {name}", remedy):
         result = _row(kind, {k: v for k, v in table.items() if k != "format"}, name, remedy)
-    return validated(result, path, remedy)
+    return validate(result, path, remedy)
 
 
 def _value(hint: Any, value: Any, place: str, remedy: str) -> Any:

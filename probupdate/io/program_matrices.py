@@ -325,7 +325,7 @@ def opensees_matrices(ops=None) -> ProgramMatrices:
     is replaced. Raises InputError where there is no model."""
     ops = ops or _package("openseespy.opensees", "opensees")
 
-    def assembled(mass: float, stiffness: float) -> np.ndarray:
+    def assemble(mass: float, stiffness: float) -> np.ndarray:
         ops.wipeAnalysis()
         ops.constraints("Transformation")
         ops.numberer("Plain")
@@ -342,7 +342,7 @@ def opensees_matrices(ops=None) -> ProgramMatrices:
     tags = ops.getNodeTags()
     if not tags:
         raise InputError("OpenSees", "holds no model", "build it first")
-    K, M = assembled(0.0, 1.0), assembled(1.0, 0.0)
+    K, M = assemble(0.0, 1.0), assemble(1.0, 0.0)
     node, direction = np.zeros(len(K), int), np.zeros(len(K), int)
     # of a node that follows others, as a diaphragm's do, OpenSees lists its free directions first, then the equations
     # of those it follows, which have their names from them

@@ -86,7 +86,7 @@ class Length:
         return value
 
 
-def validated(result: T, path: str | Path, remedy: str) -> T:
+def validate(result: T, path: str | Path, remedy: str) -> T:
     """The result as it is. Raises InputError naming file and key where a value is of another kind than its field: text
     for a number, an infinite number, an array of something else."""
     import pydantic

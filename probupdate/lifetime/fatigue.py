@@ -56,10 +56,10 @@ class FatigueModel:
     def _weights(self) -> tuple[np.ndarray, np.ndarray]:
         return weights(self.spots)
 
-    def reduced(self, thetas: Sequence[np.ndarray]) -> FatigueModel:
+    def reduce(self, thetas: Sequence[np.ndarray]) -> FatigueModel:
         """On a basis for these parameter vectors, the initial one among them."""
         all_of = [self.parameters.initial, *thetas]
-        return replace(self, models=tuple(m.reduced(all_of) for m in self.models))
+        return replace(self, models=tuple(m.reduce(all_of) for m in self.models))
 
     def reduced_for_derivatives(self, theta: np.ndarray) -> FatigueModel:
         """On a basis for this parameter vector and derivatives at it (`StressModel.reduced_for_derivatives`)."""
@@ -237,7 +237,7 @@ def basis_error(full: FatigueModel, reduced: FatigueModel, thetas: Sequence[np.n
     whole, one = (replace(m, models=m.models[:1], conditions=_first_direction(m.conditions)) for m in (full, reduced))
     worst = 0.0
     for theta in thetas:
-        own = replace(whole, models=tuple(m.reduced([theta]) for m in whole.models))
+        own = replace(whole, models=tuple(m.reduce([theta]) for m in whole.models))
         a, b = (m.solve(theta).equivalent_mpa(5.0) for m in (own, one))
         top = a > a.max() / 3
         worst = max(worst, float(np.max(np.abs(b / a - 1)[top])))

@@ -115,7 +115,7 @@ def assess(
     parameters = full.parameters
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
-    model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
+    model = full.reduce([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
     design = model.solve(parameters.initial)
     planned, updated = SpotDamage.from_stress(design), damage_at_many(model, draws, dampings, progress)
     worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
@@ -299,7 +299,7 @@ def _with_causes(
         return {}
     few = model.select(matching_spots(model, few))
     draws = named.draws[np.linspace(0, len(named.draws) - 1, CAUSE_DRAWS).astype(int)]
-    few = few.reduced([*draws[:: max(1, CAUSE_DRAWS // BASIS_OF)]])
+    few = few.reduce([*draws[:: max(1, CAUSE_DRAWS // BASIS_OF)]])
     found = {}
     neutral = {p.name: p.initial for p in description.effects}
     places = [few.parameters.index(n) for n, _ in named.causes]

@@ -160,10 +160,10 @@ def wind_cases(model: StressModel, state: int, frequency_hz: np.ndarray) -> tupl
         load, own = (CubicSpline(nodes, x, axis=1)(wet) for x in (case.load, case.own))
         return replace(case, load=load, own=own, thrust=thrust, elevation=elevation)
 
-    return interpolated(model.cases[0]), interpolated(model.turned().cases[0])
+    return interpolated(model.cases[0]), interpolated(model.rotate_loads().cases[0])
 
 
-def driven(
+def loaded_structure(
     model: StressModel, theta: np.ndarray, damping: Mapping[str, float] | StateDamping, cases: tuple[Case, Case],
     frequency_hz: np.ndarray, order: np.ndarray, n_modal: int,
 ) -> LoadedStructure:

@@ -32,7 +32,7 @@ from probupdate.lifetime.load_estimate import (
     INTEGRATED,
     LoadedStructure,
     Smoother,
-    driven,
+    loaded_structure,
     smoother,
     used_lines,
     wind_cases,
@@ -355,7 +355,7 @@ class _Work:
             self.details, self.spots = made.details, made.spots
             stress = made.models[0]
             stress = replace(stress, model=stress.model.with_gravity(self._felt))
-            self._headings[heading_deg] = stress.reduced(
+            self._headings[heading_deg] = stress.reduce(
                 [self.mean, *self.draws[: max(1, len(self.draws) // 2)]], both_ways=True)
         return self._headings[heading_deg]
 
@@ -384,8 +384,9 @@ class _Work:
     def loads(self, heading_deg: float, state: int) -> tuple[Case, Case]:
         return wind_cases(self.model_at(heading_deg), state, self.frequency_hz)
 
-    def driven(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> LoadedStructure:
-        found = driven(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order, MODAL)
+    def loaded_structure(self, heading_deg: float, theta: np.ndarray, loads: tuple[Case, Case]) -> LoadedStructure:
+        found = loaded_structure(self.model_at(heading_deg), theta, self.damping, loads, self.frequency_hz, self.order,
+                                 MODAL)
         if self.joined is None:
             return found
         at, w = weights(self.spots)
@@ -442,7 +443,7 @@ class _Group:
                 count[key] = count.get(key, 0) + 1
         self.cross = {key: own / count[key] for key, own in self.cross.items()}
         self.loads = work.loads(heading_deg, state)
-        self.of = work.driven(heading_deg, work.mean, self.loads)
+        self.of = work.loaded_structure(heading_deg, work.mean, self.loads)
         self._smoothers: dict[tuple[int, ...], tuple[Smoother, np.ndarray]] = {}
 
     def _smoother(self, whole: np.ndarray, lines: np.ndarray) -> tuple[Smoother, np.ndarray]:
@@ -521,7 +522,7 @@ class _Group:
             return total
 
         middle = damage(self.of)
-        return np.array([damage(self.work.driven(self.heading_deg, theta, self.loads)) / middle
+        return np.array([damage(self.work.loaded_structure(self.heading_deg, theta, self.loads)) / middle
                          for theta in self.work.draws])
 
     def check_gauges(self, planned: _PlannedBlock, gauges: Gauges) -> GaugeCheck | None:

@@ -68,7 +68,7 @@ class ModalStress:
             ratio=np.concatenate([self.ratio[:slow], np.full(len(slowness), self.ratio[slow])]), RK=project(self.RK),
             RM=project(self.RM)).set_damping({})
 
-    def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    def solve(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""
         n = load.shape[1]
         q = load / self.plain[:, :n]
@@ -92,7 +92,7 @@ class Slopes:
         for k in range(len(self.K)):
             force = times(self.K[k], q) - times(self.M[k], omega**2 * q) + times(self.C[k], 1j * omega * q)
             own = times(self.RK[k], q) - times(self.RM[k], omega**2 * q)
-            changes.append(own - m.stress(m.solved(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
+            changes.append(own - m.stress(m.solve(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
         return changes
 
 

@@ -147,16 +147,16 @@ class StressModel:
         left, size, _ = np.linalg.svd(wave / np.linalg.norm(wave, axis=0), full_matrices=False)
         return np.column_stack([self.hub, left[:, size > LOAD_TOLERANCE * size.max(initial=0.0)]])
 
-    def turned(self) -> StressModel:
+    def rotate_loads(self) -> StressModel:
         """Under wind and waves from the right of these, by 90 degrees; rotor and nacelle as they stand."""
         return replace(self, heading_deg=self.heading_deg + 90.0, hub=self.across, across=-self.hub)
 
-    def reduced(self, thetas: Sequence[np.ndarray], *, both_ways: bool = False) -> StressModel:
+    def reduce(self, thetas: Sequence[np.ndarray], *, both_ways: bool = False) -> StressModel:
         """On the modes and static shapes under thrust and waves at these parameter vectors; `both_ways`: also of those
         across."""
         slow = self._slow_loads()
         if both_ways:
-            slow = np.hstack([slow, self.turned()._slow_loads()])
+            slow = np.hstack([slow, self.rotate_loads()._slow_loads()])
         return self._projected_on_shapes([X for theta in thetas for X in self._shapes_under(theta, slow)])
 
     def reduced_for_derivatives(self, theta: np.ndarray) -> StressModel:
@@ -436,8 +436,8 @@ class StressModel:
 
     def _with_change(self, case: Case, rate, m: ModalStress, slopes: Slopes):
         """Moments of one case and their change by every parameter, by all modes."""
-        p = m.solved(np.repeat(m.hub[:, None], len(m.omega), axis=1), rate)
-        q = m.solved(m.U.T @ case.load, rate)
+        p = m.solve(np.repeat(m.hub[:, None], len(m.omega), axis=1), rate)
+        q = m.solve(m.U.T @ case.load, rate)
         z, w = m.stress(q) - m.scale * case.own, m.stress(p)
         moments = self._moments(z, case.elevation[None])[0] + self._moments(w, case.thrust[None])[0]
         dz, dw = (slopes.stress_changes(x, m, rate) for x in (q, p))
@@ -453,7 +453,7 @@ class StressModel:
         m, one = self.modes_at(np.asarray(theta, float), damping), self.cases[case]
         n = len(m.omega) if wind else self._wet
         load = np.repeat(m.hub[:, None], n, axis=1) if wind else m.U.T @ one.load
-        q = m.solved(load, 1j * m.omega * one.damping_nspm)
+        q = m.solve(load, 1j * m.omega * one.damping_nspm)
         z = m.stress(q)
         return (z if wind else z - m.scale * one.own).reshape(len(self.details), 3, -1)
 

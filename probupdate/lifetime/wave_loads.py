@@ -13,7 +13,7 @@ from probupdate.lifetime.details import Detail
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import node_dofs
-from probupdate.structure.description import Offshore, OnMonopile
+from probupdate.structure.description import MonopileTurbine, Offshore
 from probupdate.structure.frame import Beam, Frame
 
 # points of Gauss and Legendre along an element under water: at least three, and so many metres each; the shortest waves
@@ -98,7 +98,7 @@ def waves_on_turbine(
 
 def _is_in_waves(d: Offshore, b: Beam, z_m: float) -> bool:
     """Legs and braces, or what of a monopile stands free; where a sleeve is around it, the sleeve."""
-    if not isinstance(d, OnMonopile):
+    if not isinstance(d, MonopileTurbine):
         return b.group in ("leg", "brace")
     sleeve = d.transition_piece
     inside = sleeve is not None and b.group == "pile" and z_m > sleeve.bottom_m

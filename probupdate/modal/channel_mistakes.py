@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import gammaln
 
-from probupdate.evidence.directions import chosen, log_evidence
+from probupdate.evidence.directions import choose_explanations, log_evidence
 from probupdate.modal.matching import assign, close_clusters
 from probupdate.modal.sets import ModalSet
 from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
@@ -82,7 +82,7 @@ def channel_mistake(
     best: tuple[float, ChannelMistake] | None = None
     for model in computed:
         tried = _changes(shape, clusters, tuple(channels), model)
-        choice = chosen([t.log for t in tried], [t.channels != () for t in tried])
+        choice = choose_explanations([t.log for t in tried], [t.channels != () for t in tried])
         if not choice or len(choice) > MOST_CANDIDATES:
             continue
         first = tried[choice[0]]

@@ -35,7 +35,7 @@ def _group_name(set_id: str) -> str:
 
 
 def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
-    """Write the covariance factors (id -> value whose `loaded()` has the three arrays) beside modes_file; the new
+    """Write the covariance factors (id -> value whose `load()` has the three arrays) beside modes_file; the new
     file's name.
 
     Whole under another name first: a killed run leaves the old file or the new one.
@@ -44,7 +44,7 @@ def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
     whole: dict[str, str] = {}
     with new_hdf5(path) as file:
         for set_id, kept in factors.items():
-            covariance_factors = kept.loaded()
+            covariance_factors = kept.load()
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
             arrays = {name: np.asarray(getattr(covariance_factors, name)).astype(dtype)
@@ -94,7 +94,7 @@ class FactorsFile:
         """The three arrays of a set; None of one that has none here."""
         return _arrays(self.path, self.file[self.groups[set_id]]) if set_id in self.groups else None
 
-    def kept(self, modal_set: ModalSet) -> ModalSet:
+    def keep(self, modal_set: ModalSet) -> ModalSet:
         """The set with its arrays in memory, or of a large file with where they are."""
         if self.state[0] <= KEPT_IN_MEMORY or modal_set.id not in self.groups:
             return modal_set

@@ -107,7 +107,7 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
     return np.array([row[name] for name in channels], int)
 
 
-def reading(model: Model, felt: Mapping[str, bool]) -> Model:
+def with_stated_gravity(model: Model, felt: Mapping[str, bool]) -> Model:
     """The model with what is stated of its channels: whether their readings hold gravity. A model that knows nothing of
     it gives what its author says its shapes are."""
     state = getattr(model, "with_gravity", None)

@@ -18,10 +18,10 @@ from probupdate.modal.shape_criteria import (
     criteria_within_plane,
     mac,
     modal_phase_collinearity,
+    modes_of_plane,
     pair_by_mac,
     plane_mac,
     rotate_to_real,
-    spanning,
     subspace_mac,
     unit_largest,
 )
@@ -30,5 +30,5 @@ __all__ = [
     "OWN_DIRECTIONS", "QUANTITIES",
     "ModalData", "CovarianceFactors", "ModalSet", "ModeRecord", "ModelMode", "Sensor", "StoredFactors", "set_words",
     "mac", "modal_phase_collinearity", "pair_by_mac", "plane_mac", "read_modes", "refuse_no_celsius",
-    "rotate_to_real", "spanning", "subspace_mac", "unit_largest", "criteria_within_plane", "write_modes",
+    "rotate_to_real", "modes_of_plane", "subspace_mac", "unit_largest", "criteria_within_plane", "write_modes",
 ]

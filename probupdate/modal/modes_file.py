@@ -313,7 +313,7 @@ def _read_modal_set(path: Path, number: int, raw: object, n_channel: int, factor
         **std,
     )
     found.refuse_zero_shapes(f"{where}, shape_re")
-    return found if factors is None else factors.kept(found)
+    return found if factors is None else factors.keep(found)
 
 
 def _refuse_exact(where: str, frequency: np.ndarray, std: np.ndarray) -> None:

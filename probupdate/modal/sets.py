@@ -78,7 +78,7 @@ class Sensor:
         if self.gravity is None:
             object.__setattr__(self, "gravity", self.quantity != "displacement")
 
-    def stated(self, felt: Mapping[str, bool]) -> Sensor:
+    def with_gravity(self, felt: Mapping[str, bool]) -> Sensor:
         """With what is stated of some channels' gravity."""
         return replace(self, gravity=felt.get(self.channel, self.gravity))
 
@@ -111,7 +111,7 @@ class CovarianceFactors:
     def n_column(self) -> int:
         return self.ln_frequency.shape[1]
 
-    def loaded(self) -> CovarianceFactors:
+    def load(self) -> CovarianceFactors:
         return self
 
     def of_modes(self, columns: Sequence[int]) -> CovarianceFactors:
@@ -149,7 +149,7 @@ class StoredFactors:
     def n_column(self) -> int:
         return self.read().n_column
 
-    def loaded(self) -> CovarianceFactors:
+    def load(self) -> CovarianceFactors:
         return self.read()
 
     def of_modes(self, columns: Sequence[int]) -> StoredFactors:
@@ -220,14 +220,14 @@ class ModalSet:
         if isinstance(factors, CovarianceFactors):
             self._take_std(factors)
         elif factors is not None and (not factors.taken or self._lacks_std()):
-            self._take_std(factors.loaded())
+            self._take_std(factors.load())
             object.__setattr__(self, "covariance_factors", replace(factors, taken=True))
 
     def __reduce__(self):
         # to another process: as it was given, its arrays read-only there too
         given = {f.name: getattr(self, f.name) for f in fields(self)}
         given["environment"] = dict(self.environment)
-        given["covariance_factors"] = None if self.covariance_factors is None else self.covariance_factors.loaded()
+        given["covariance_factors"] = None if self.covariance_factors is None else self.covariance_factors.load()
         return _modal_set, (given,)
 
     def _lacks_std(self) -> bool:

@@ -70,7 +70,7 @@ def criteria_within_plane(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return 0.5 * (share[:, None] + share) + area
 
 
-def spanning(
+def modes_of_plane(
     plane: np.ndarray, shape: np.ndarray, score: np.ndarray, own: tuple[int, ...], taken: Collection[int]
 ) -> tuple[int, ...]:
     """The two modes of a measured plane (n_channel, 2): `own`, or of these and those that are not `taken` the two that

@@ -284,7 +284,7 @@ def _selection_reasons(run: Run, selection: pd.DataFrame) -> list[Element]:
     return items
 
 
-def passing(selection: pd.DataFrame) -> int:
+def count_passing_blocks(selection: pd.DataFrame) -> int:
     """Blocks that no criterion took away."""
     return int((selection["criterion"].astype(object).fillna("") == "").sum())
 
@@ -294,7 +294,7 @@ def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int])
     here = (("yawing", "pitching"), ("not idling",), ("modes not identified",), ("planes not perpendicular",))
     rows = [(assumption, criterion, str(sum(excluded.get(name, 0) for name in names)))
             for (assumption, criterion), names in zip(paper_tables.SELECTION, here, strict=True)]
-    left = passing(selection)
+    left = count_passing_blocks(selection)
     kept = f"{len(run.nine.sets)} of {left}" if run.nine is not None else str(left)
     rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} in the paper", f"{kept} that pass"))
     columns = (Column(name="assumption", number=False, paper=True), Column(name="criterion", number=False, paper=True),

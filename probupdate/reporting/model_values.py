@@ -6,7 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match, reading
+from probupdate.modal.matching import (
+    MIN_MAC,
+    SPARE,
+    ModeGroup,
+    channel_rows,
+    close_clusters,
+    match,
+    with_stated_gravity,
+)
 from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues, mode_labels
@@ -54,7 +62,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
     clusters = close_clusters(chosen.frequency_hz)
     if update is None:
-        n_mode = len(solution_beyond(reading(model, data.felt), chosen).frequency_hz)
+        n_mode = len(solution_beyond(with_stated_gravity(model, data.felt), chosen).frequency_hz)
     else:
         # the modes that the update looked through, so that the same ones are drawn
         n_mode = int(update.computed_mode.max()) + SPARE
@@ -87,7 +95,7 @@ def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
 def _matched_modes(
     model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: list[tuple[int, ...]]
 ) -> ShapedModes:
-    solution, drawn = reading(model, data.felt).solve(theta, n_mode), _displacement(model, theta, n_mode)
+    solution, drawn = with_stated_gravity(model, data.felt).solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
     # whatever resembles the measured mode least badly first, so that a poor model is no error here ...
     matching = match(chosen, solution, rows, labels=data.labels, clusters=clusters, min_mac=0.0, refuse=False)

@@ -49,7 +49,7 @@ from probupdate.reporting.identifiability import (
     identifiabilities,
     names_of,
 )
-from probupdate.reporting.measurement_sections import passing
+from probupdate.reporting.measurement_sections import count_passing_blocks
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
 from probupdate.reporting.states import NINETY, USE_THIS, changes_within, is_diagnosed, state_table, step_words
@@ -416,7 +416,7 @@ def _sets_tile(run: Run, modes: ModalData) -> Tile:
     selected = len(run.nine.sets) if run.nine is not None else None
     detail = f"{plural(blocks, 'set')} of {modes.n_mode} modes at {len(modes.channels)} channels"
     if run.selection is not None:
-        passed = passing(run.selection)
+        passed = count_passing_blocks(run.selection)
         detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
     if run.update is not None and run.update.set_id not in {s.id for s in modes.sets}:
         # of all sets together, or of a mean that the diagnosis made: none of those selected

@@ -67,7 +67,7 @@ class AffineModel:
         """With what is stated of channels by their names: whether their readings hold gravity."""
         if self.gravity is None:
             return self
-        stated = self.gravity.stated(felt, self.channels)
+        stated = self.gravity.with_gravity(felt, self.channels)
         if np.array_equal(stated.share, self.gravity.share):
             return self
         known = None if self.uncertainty is None else self.uncertainty.with_gravity(felt)

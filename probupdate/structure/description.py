@@ -300,7 +300,7 @@ class Offshore(Description):
         """Lowest point of its piles."""
 
 
-class OnJacket(Offshore):
+class JacketTurbine(Offshore):
     jacket: Jacket
     pile: Pile
     transition_piece: TransitionPiece
@@ -317,7 +317,7 @@ class OnJacket(Offshore):
         return self.pile.tip_m
 
 
-class OnMonopile(Offshore):
+class MonopileTurbine(Offshore):
     monopile: Monopile
     transition_piece: Sleeve | None = None
 
@@ -338,7 +338,7 @@ class OnMonopile(Offshore):
         return self.monopile.station[0].z_m
 
 
-class OnFoundation(Description):
+class FoundationTurbine(Description):
     """A tower on land."""
 
     site: OnLand
@@ -356,7 +356,8 @@ class OnFoundation(Description):
 
 
 # the table of model.toml that says what the turbine stands on
-SUBSTRUCTURES: dict[str, type[Description]] = {kind.stands_on: kind for kind in (OnJacket, OnMonopile, OnFoundation)}
+SUBSTRUCTURES: dict[str, type[Description]] = {
+    kind.stands_on: kind for kind in (JacketTurbine, MonopileTurbine, FoundationTurbine)}
 
 
 def updatable_parameters(description: Description, where: str) -> Parameters:

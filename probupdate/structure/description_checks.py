@@ -11,10 +11,10 @@ from probupdate.structure.description import (
     ALL_NEUTRAL,
     POSITIVE,
     Description,
+    FoundationTurbine,
+    JacketTurbine,
+    MonopileTurbine,
     Offshore,
-    OnFoundation,
-    OnJacket,
-    OnMonopile,
     ParameterEntry,
     Section,
     Sleeve,
@@ -26,7 +26,7 @@ from probupdate.structure.schema import RANGES, Mistake, suggest
 
 
 def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         yield "jacket.leg", d.jacket.leg.diameter_m, d.jacket.leg.thickness_m
         for k, bay in enumerate(d.jacket.bay):
             yield f"jacket.bay[{k + 1}].brace", bay.brace.diameter_m, bay.brace.thickness_m
@@ -34,7 +34,7 @@ def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
         for name in ("column", "strut", "tie"):
             tube = getattr(d.transition_piece, name)
             yield f"transition_piece.{name}", tube.diameter_m, tube.thickness_m
-    if isinstance(d, OnMonopile):
+    if isinstance(d, MonopileTurbine):
         for k, section in enumerate(d.monopile.station):
             yield f"monopile.station[{k + 1}]", section.diameter_m, section.thickness_m
         if d.transition_piece is not None:
@@ -83,20 +83,20 @@ def _check_upwards(key: str, stations) -> Iterator[Mistake]:
 
 def _check_levels(d: Description) -> Iterator[Mistake]:
     if isinstance(d, Offshore):
-        tip = "pile.tip_m" if isinstance(d, OnJacket) else "monopile.station[1].z_m"
+        tip = "pile.tip_m" if isinstance(d, JacketTurbine) else "monopile.station[1].z_m"
         yield from _check_order((
             (tip, d.pile_tip_m, "site.mudline_m", d.site.mudline_m),
             ("site.mudline_m", d.site.mudline_m, "site.water_level_m", d.site.water_level_m),
             ("corrosion.bottom_m", d.corrosion.bottom_m, "corrosion.top_m", d.corrosion.top_m),
         ))
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         yield from _jacket_levels(d)
-    if isinstance(d, OnMonopile):
+    if isinstance(d, MonopileTurbine):
         yield from _monopile_levels(d)
     yield from _check_upwards("tower.station", d.tower.station)
 
 
-def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
+def _jacket_levels(d: JacketTurbine) -> Iterator[Mistake]:
     jacket, tp = d.jacket, d.transition_piece
     yield from _check_order((
         ("jacket.bottom.z_m", jacket.bottom.z_m, "jacket.top.z_m", jacket.top.z_m),
@@ -111,7 +111,7 @@ def _jacket_levels(d: OnJacket) -> Iterator[Mistake]:
                "end the struts on the column")
 
 
-def _monopile_levels(d: OnMonopile) -> Iterator[Mistake]:
+def _monopile_levels(d: MonopileTurbine) -> Iterator[Mistake]:
     top, foot, sleeve = d.monopile.station[-1], d.tower.station[0].z_m, d.transition_piece
     yield from _check_upwards("monopile.station", d.monopile.station)
     yield from _check_order((("site.water_level_m", d.site.water_level_m, "monopile's top", top.z_m),))
@@ -128,7 +128,7 @@ def _monopile_levels(d: OnMonopile) -> Iterator[Mistake]:
     yield from _connection(d, sleeve)
 
 
-def _connection(d: OnMonopile, sleeve: Sleeve) -> Iterator[Mistake]:
+def _connection(d: MonopileTurbine, sleeve: Sleeve) -> Iterator[Mistake]:
     top = d.monopile.station[-1]
     kind, own, other = ("grout", sleeve.grout, sleeve.flange) if sleeve.connection == "grouted" else (
         "flange", sleeve.flange, sleeve.grout)
@@ -153,7 +153,7 @@ def _connection(d: OnMonopile, sleeve: Sleeve) -> Iterator[Mistake]:
 
 
 def _check_foundation(d: Description) -> Iterator[Mistake]:
-    if not isinstance(d, OnFoundation):
+    if not isinstance(d, FoundationTurbine):
         return
     for key in ("horizontal_npm", "vertical_npm", "rocking_nmprad", "torsion_nmprad"):
         value = getattr(d.foundation, key)
@@ -164,7 +164,7 @@ def _check_foundation(d: Description) -> Iterator[Mistake]:
 
 
 def _check_bays(d: Description) -> Iterator[Mistake]:
-    if not isinstance(d, OnJacket):
+    if not isinstance(d, JacketTurbine):
         return
     low, high = d.jacket.bottom.z_m, d.jacket.top.z_m
     for k, bay in enumerate(d.jacket.bay):
@@ -181,7 +181,7 @@ def _check_bays(d: Description) -> Iterator[Mistake]:
 
 
 def legs_of(d: Description) -> tuple[str, ...]:
-    return d.jacket.leg_names if isinstance(d, OnJacket) else ()
+    return d.jacket.leg_names if isinstance(d, JacketTurbine) else ()
 
 
 def _check_names(d: Description) -> Iterator[Mistake]:
@@ -253,11 +253,11 @@ def _check_lowest(p: ParameterEntry, key: str) -> Iterator[Mistake]:
 
 def _corroding_tubes(d: Offshore) -> Iterator[tuple[str, str, str, TubeEntry | Section]]:
     """Names of the factors on diameter and wall ("" without), key and size of the tubes that corr thins."""
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         yield "D_l", "t_l", "jacket.leg", d.jacket.leg
         for k, bay in enumerate(d.jacket.bay):
             yield "D_b", "t_b", f"jacket.bay[{k + 1}].brace", bay.brace
-    if isinstance(d, OnMonopile):
+    if isinstance(d, MonopileTurbine):
         for k, section in enumerate(d.monopile.station):
             if section.z_m > d.site.mudline_m:
                 yield "", "", f"monopile.station[{k + 1}]", section
@@ -341,7 +341,7 @@ def _check_on(on: Place, key: str, name: str, d: Description) -> Iterator[Mistak
         if value is not None and value not in names:
             yield (f"{key}.{part}", f"'{value}' is not in this structure",
                    suggest(value, names) if names else f"a {d.stands_on} has none: remove it")
-    bays = len(d.jacket.bay) if isinstance(d, OnJacket) else 0
+    bays = len(d.jacket.bay) if isinstance(d, JacketTurbine) else 0
     if on.bay is not None and on.bay > bays:
         yield (f"{key}.bay", f"there is no bay {on.bay}",
                f"count from the lowest, 1 to {bays}" if bays else f"a {d.stands_on} has none: remove it")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from probupdate.structure.description import Description, OnJacket
+from probupdate.structure.description import Description, JacketTurbine
 from probupdate.structure.effect_kinds import KINDS
 
 # a node stands at the level of a connection within this
@@ -26,7 +26,7 @@ class Place:
 def faces(d: Description) -> dict[str, str]:
     """Either order of a face's two legs -> its name, in the order of the legs; of a jacket only."""
     found: dict[str, str] = {}
-    if not isinstance(d, OnJacket):
+    if not isinstance(d, JacketTurbine):
         return found
     for name, (first, second) in d.jacket.faces.items():
         found |= {name: name, d.jacket.face_between(second, first): name}
@@ -35,7 +35,7 @@ def faces(d: Description) -> dict[str, str]:
 
 def bay_at(d: Description, z_m: float) -> int | None:
     """The number of the bay that reaches over a level, None between and beyond them."""
-    bays = d.jacket.bay if isinstance(d, OnJacket) else ()
+    bays = d.jacket.bay if isinstance(d, JacketTurbine) else ()
     return next((k for k, bay in enumerate(bays, 1) if bay.bottom_m < z_m < bay.top_m), None)
 
 

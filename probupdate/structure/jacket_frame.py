@@ -8,14 +8,14 @@ import numpy as np
 
 from probupdate.structure import joints
 from probupdate.structure.coefficient import Coefficient, parameter, product
-from probupdate.structure.description import OnJacket, TubeEntry
+from probupdate.structure.description import JacketTurbine, TubeEntry
 from probupdate.structure.effects import Place
 from probupdate.structure.frame import Body, NodeSpring, Tie
 from probupdate.structure.local_functions import JointStiffness
 from probupdate.structure.turbine_mesh import Member, Mesh, drive_pile
 
 
-def leg_point(d: OnJacket, leg: int, z: float) -> np.ndarray:
+def leg_point(d: JacketTurbine, leg: int, z: float) -> np.ndarray:
     """A point of a leg's axis; legs stand on the corners of a regular polygon whose side is the leg spacing."""
     low, high, number = d.jacket.bottom, d.jacket.top, len(d.jacket.leg_names)
     along = (z - low.z_m) / (high.z_m - low.z_m)
@@ -25,7 +25,7 @@ def leg_point(d: OnJacket, leg: int, z: float) -> np.ndarray:
     return np.array([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def _add_legs(mesh: Mesh, d: OnJacket) -> list[dict[float, int]]:
+def _add_legs(mesh: Mesh, d: JacketTurbine) -> list[dict[float, int]]:
     """-> for every leg, its nodes by level."""
     jacket = d.jacket
     levels = {jacket.bottom.z_m, jacket.top.z_m} | {z for bay in jacket.bay for z in (bay.bottom_m, bay.top_m)}
@@ -40,7 +40,7 @@ def _add_legs(mesh: Mesh, d: OnJacket) -> list[dict[float, int]]:
     return legs
 
 
-def _add_braces(mesh: Mesh, d: OnJacket, legs: list[dict[float, int]]) -> None:
+def _add_braces(mesh: Mesh, d: JacketTurbine, legs: list[dict[float, int]]) -> None:
     names = d.jacket.leg_names
     for number, bay in enumerate(d.jacket.bay):
         for left in range(len(legs)):
@@ -68,7 +68,7 @@ def _brace_end(
 ) -> int:
     """The brace's own node at the chord's axis, or the chord's where joints are rigid."""
     d = mesh.d
-    assert isinstance(d, OnJacket)
+    assert isinstance(d, JacketTurbine)
     law = joints.joint_law(d.jacket.joints.law)
     if law is None:
         return chord
@@ -97,7 +97,7 @@ def _brace_end(
     return end
 
 
-def _add_transition_piece(mesh: Mesh, d: OnJacket, legs: list[dict[float, int]]) -> tuple[int, list[Body]]:
+def _add_transition_piece(mesh: Mesh, d: JacketTurbine, legs: list[dict[float, int]]) -> tuple[int, list[Body]]:
     """-> the tower's foot, lumped masses."""
     tp, foot_z = d.transition_piece, d.tower.station[0].z_m
     foot, struts = mesh.node([0, 0, tp.column_bottom_m]), mesh.node([0, 0, tp.strut_top_m])
@@ -115,7 +115,7 @@ def _add_transition_piece(mesh: Mesh, d: OnJacket, legs: list[dict[float, int]])
     return top, [Body(node=struts, mass=Coefficient(tp.lumped_mass_kg))]
 
 
-def add_jacket(mesh: Mesh, d: OnJacket) -> tuple[int, list[Body], list[NodeSpring], int]:
+def add_jacket(mesh: Mesh, d: JacketTurbine) -> tuple[int, list[Body], list[NodeSpring], int]:
     """-> the tower's foot, lumped masses, springs at the piles' tips, the head of the first pile."""
     legs = _add_legs(mesh, d)
     _add_braces(mesh, d, legs)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from probupdate.structure.coefficient import Coefficient, parameter, product
-from probupdate.structure.description import Grout, OnFoundation, OnMonopile, Sleeve, TubeEntry
+from probupdate.structure.description import FoundationTurbine, Grout, MonopileTurbine, Sleeve, TubeEntry
 from probupdate.structure.frame import Body, LineMass, NodeSpring, Tie
 from probupdate.structure.turbine_mesh import Member, Mesh, Segment, drive_pile, tube_between_stations
 
@@ -18,7 +18,7 @@ GROUND = Member("column", "foundation")
 EACH_WAY = np.eye(6)
 
 
-def add_monopile(mesh: Mesh, d: OnMonopile) -> tuple[int, list[Body], list[NodeSpring], int]:
+def add_monopile(mesh: Mesh, d: MonopileTurbine) -> tuple[int, list[Body], list[NodeSpring], int]:
     """-> the tower's foot, lumped masses, the spring at the tip, the pile's node at the mudline."""
     stations, sleeve = d.monopile.station[::-1], d.transition_piece
     top = mesh.node([0, 0, stations[0].z_m])
@@ -45,7 +45,7 @@ def add_monopile(mesh: Mesh, d: OnMonopile) -> tuple[int, list[Body], list[NodeS
     return foot, bodies, [tip], wet[0].start
 
 
-def _add_sleeve(mesh: Mesh, d: OnMonopile, sleeve: Sleeve, pile: list[int]) -> tuple[int, list[Body]]:
+def _add_sleeve(mesh: Mesh, d: MonopileTurbine, sleeve: Sleeve, pile: list[int]) -> tuple[int, list[Body]]:
     """The transition piece on the pile's nodes, from above; -> its top, lumped masses."""
     foot_z = d.tower.station[0].z_m
     common = parameter("k_c") * mesh.warmth(mesh.place(SLEEVE, sleeve.bottom_m)) * product(
@@ -104,7 +104,7 @@ def grout_mass(sleeve: Sleeve) -> float:
     return float(sleeve.grout.density_kgpm3 * np.pi * mean * sleeve.grout.thickness_m)
 
 
-def add_foundation(mesh: Mesh, d: OnFoundation) -> tuple[int, list[Body], list[NodeSpring], bool]:
+def add_foundation(mesh: Mesh, d: FoundationTurbine) -> tuple[int, list[Body], list[NodeSpring], bool]:
     """-> the tower's foot, the foundation's mass, its springs, whether the foot is held."""
     own = d.foundation
     foot = mesh.node([0, 0, d.tower.station[0].z_m])

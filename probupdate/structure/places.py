@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from probupdate.structure.description import Description, OnJacket, OnMonopile
+from probupdate.structure.description import Description, JacketTurbine, MonopileTurbine
 from probupdate.structure.effects import bay_at
 from probupdate.structure.jacket_frame import leg_point
 
@@ -33,7 +33,7 @@ def place_of(d: Description, point: np.ndarray) -> str:
     x, y, z = (float(v) for v in point)
     extent = max(station.z_m for station in d.tower.station) - _lowest_m(d)
     level, wide = f"z = {z:.{decimals(SAME_PLACE * extent)}f} m", d.tower.station[0].diameter_m
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         if found := _jacket_place(d, x, y, z, level):
             return found
         wide = NEAR_AXIS * d.jacket.top.leg_spacing_m
@@ -41,18 +41,18 @@ def place_of(d: Description, point: np.ndarray) -> str:
         return ""
     if z >= d.tower.station[0].z_m:
         return f"tower, {level}"
-    on_pile = isinstance(d, OnMonopile) and (d.transition_piece is None or z < d.transition_piece.bottom_m)
+    on_pile = isinstance(d, MonopileTurbine) and (d.transition_piece is None or z < d.transition_piece.bottom_m)
     return f"{'monopile' if on_pile else 'transition piece'}, {level}"
 
 
 def _lowest_m(d: Description) -> float:
     """Of what stands above the ground."""
-    if isinstance(d, OnJacket):
+    if isinstance(d, JacketTurbine):
         return d.jacket.bottom.z_m
-    return d.site.mudline_m if isinstance(d, OnMonopile) else d.tower.station[0].z_m
+    return d.site.mudline_m if isinstance(d, MonopileTurbine) else d.tower.station[0].z_m
 
 
-def _jacket_place(d: OnJacket, x: float, y: float, z: float, level: str) -> str:
+def _jacket_place(d: JacketTurbine, x: float, y: float, z: float, level: str) -> str:
     if not d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
         return ""
     legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])

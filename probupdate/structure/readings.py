@@ -36,7 +36,7 @@ class FeltGravity:
     known: np.ndarray
     reversed_by: tuple[tuple[int, np.ndarray], ...] = ()
 
-    def stated(self, felt: Mapping[str, bool], channels: Sequence[str]) -> FeltGravity:
+    def with_gravity(self, felt: Mapping[str, bool], channels: Sequence[str]) -> FeltGravity:
         """With what is stated of some channels."""
         share = [float(felt.get(c, s)) for c, s in zip(channels, self.share, strict=True)]
         return replace(self, share=frozen_array(share))

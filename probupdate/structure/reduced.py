@@ -112,7 +112,7 @@ def reduce_alike(
             return [replace(one, report=report) for one, report in zip(reduced, reports, strict=True)]
         # points that have decided once decide the size from now on; the next verification takes new ones
         snapshots += _worst_points(final, reduced)
-        checks = [c.joined(other) for c, other in zip(checks, final, strict=True)]
+        checks = [c.join(other) for c, other in zip(checks, final, strict=True)]
     error, least_mac = max((c.judge(one) for c, one in zip(checks, largest, strict=True)), key=lambda e: e[0].max())
     raise ConvergenceError(
         f"{model.name}: a basis of {largest[0].basis.shape[1]} vectors leaves a relative frequency error of "
@@ -251,7 +251,7 @@ class _Checks:
             max_frequency_error=float(error[self.tolerance == tolerance].max()), max_box_error=float(error.max()),
             min_mac=least_mac, frequency_tolerance=tolerance)
 
-    def joined(self, other: _Checks) -> _Checks:
+    def join(self, other: _Checks) -> _Checks:
         return _Checks(
             model=self.model, theta=np.vstack([self.theta, other.theta]),
             tolerance=np.concatenate([self.tolerance, other.tolerance]),

@@ -225,14 +225,14 @@ class SubDynFrame:
         """(6,) of a node whose joint is rigid."""
         return self.translation[node]
 
-    def reduced(self, full) -> sparse.csc_array:
+    def reduce(self, full) -> sparse.csc_array:
         return sparse.csc_array(self.reduction.T @ full @ self.reduction)
 
     @cached_property
     def n_full(self) -> int:
         return self.reduction.shape[0]
 
-    def assembled(self, parts) -> sparse.csc_array:
+    def assemble(self, parts) -> sparse.csc_array:
         """Sum of ((n,) degrees of freedom, (n, n) matrix) as a reduced matrix."""
         rows, columns, values = [], [], []
         for dofs, matrix in parts:
@@ -243,7 +243,7 @@ class SubDynFrame:
         if not rows:
             return sparse.csc_array((self.reduction.shape[1],) * 2)
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return self.reduced(sparse.csr_array(sparse.coo_array(entries, shape=(self.n_full,) * 2)))
+        return self.reduce(sparse.csr_array(sparse.coo_array(entries, shape=(self.n_full,) * 2)))
 
 
 def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:

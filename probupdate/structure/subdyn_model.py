@@ -502,7 +502,7 @@ def _terms(frame: SubDynFrame, description, targets: Targets, path: Path, angle_
     for joint in file.joints:
         for name in targets("added_mass", joint.id):
             add("M", Product(names=(name,)), frame.node_dofs(frame.node_of[joint.id])[:3], np.eye(3))
-    terms = {kind: {factor: frame.assembled(rows) for factor, rows in found.items()} for kind, found in parts.items()}
+    terms = {kind: {factor: frame.assemble(rows) for factor, rows in found.items()} for kind, found in parts.items()}
     terms["K"][Product()] = sparse.csc_array(terms["K"][Product()] + frame.joint_springs)
     for joint in description.subdyn.nacelle:
         if joint not in {row.id for row in file.masses}:

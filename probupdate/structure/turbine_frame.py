@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from probupdate.structure.description import Description, OnFoundation, OnJacket, OnMonopile
+from probupdate.structure.description import Description, FoundationTurbine, JacketTurbine, MonopileTurbine
 from probupdate.structure.frame import Frame, Support, Tie
 from probupdate.structure.frame_effects import check_effects, hang_masses, loosen, prestress
 from probupdate.structure.jacket_frame import add_jacket
@@ -30,14 +30,14 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     """Mesh the described turbine. Bodies of the nacelle and rotor are tied rigidly to the tower's top, turned about
     the vertical from where the description has them by nacelle_angle_deg, counter-clockwise seen from above."""
     mesh, head, pile, held = Mesh(description), None, None, ()
-    if isinstance(description, OnJacket):
+    if isinstance(description, JacketTurbine):
         foot, bodies, springs, head = add_jacket(mesh, description)
         pile = f"pile {description.jacket.leg_names[0]}"
-    elif isinstance(description, OnMonopile):
+    elif isinstance(description, MonopileTurbine):
         foot, bodies, springs, head = add_monopile(mesh, description)
         pile = "monopile"
     else:
-        assert isinstance(description, OnFoundation)
+        assert isinstance(description, FoundationTurbine)
         foot, bodies, springs, clamped = add_foundation(mesh, description)
         held = (Support(node=foot),) if clamped else ()
     top, flanges = add_tower(mesh, foot)

@@ -51,7 +51,7 @@ class Rows:
             stacked = np.linalg.qr(stacked)[1]
         return replace(self, matrix=stacked[:, :n], slope=stacked[:, n:-1], value=stacked[:, -1])
 
-    def placed(self, start: int, n: int) -> Rows:
+    def place(self, start: int, n: int) -> Rows:
         """Of n unknowns, of which these are some from number `start` on."""
         matrix = np.zeros((len(self.value), n))
         matrix[:, start : start + self.matrix.shape[1]] = self.matrix
@@ -256,6 +256,6 @@ def join_baselines(known: Sequence[LearntError], own: Unknowns, common: Sequence
     before = sum(one.matrix.shape[1] for one in known)
     for one in known:
         found = own.rows_of(one, common)
-        rows.append(found.placed(start, before + len(own.names)))
+        rows.append(found.place(start, before + len(own.names)))
         start += one.matrix.shape[1]
     return rows[0].stack_below(rows[1:])

@@ -254,7 +254,7 @@ def error_rows(problem: Problem, theta: np.ndarray) -> Rows:
     if problem.known is None:
         return rows
     n = problem.known.matrix.shape[1]
-    return rows.placed(n - root.shape[1], n).stack_below([problem.known])
+    return rows.place(n - root.shape[1], n).stack_below([problem.known])
 
 
 def _error_alone(problem: Problem, theta: np.ndarray, rows: Rows) -> Rows:

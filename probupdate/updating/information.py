@@ -101,7 +101,7 @@ class Information:
     settings: dict[str, str]
     check: PredictiveCheck | None = None
 
-    def named(self, role: str) -> tuple[str, ...]:
+    def names_with(self, role: str) -> tuple[str, ...]:
         return tuple(r.name for r in self.rows if r.role == role)
 
     def to_frame(self) -> pd.DataFrame:
@@ -283,7 +283,7 @@ def summary(found: Information) -> str:
 
 def recommendation(found: Information) -> list[str]:
     """A sentence for each role."""
-    updated, carried, left = (", ".join(found.named(role)) for role in (UPDATE, CARRY, LEAVE))
+    updated, carried, left = (", ".join(found.names_with(role)) for role in (UPDATE, CARRY, LEAVE))
     lines = [f"recommended: update {updated}" if updated else "the data inform none of these parameters"]
     if carried:
         lines.append("carry along, as their uncertainty moves the data though the data do not identify them: "

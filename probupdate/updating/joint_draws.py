@@ -35,7 +35,7 @@ class JointDraws:
         for name in ("z", "e", "tau", "u", "log_weight"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
-    def weighed(self) -> tuple[np.ndarray, float]:
+    def weigh(self) -> tuple[np.ndarray, float]:
         """Normalised weights (n,), smoothed, and Pareto k; -inf where all weights are alike."""
         if not np.isfinite(self.log_weight).any():
             return np.full(len(self.z), 1 / len(self.z)), np.inf
@@ -78,7 +78,7 @@ def draw_linear(
 ) -> LinearDraws:
     """n draws, exactly."""
     rng, parts = np.random.default_rng([seed, 37]), []
-    for some in np.array_split(chain.thinned(n), max(1, n // CHUNK)):
+    for some in np.array_split(chain.thin(n), max(1, n // CHUNK)):
         tau, std = scales.tau(some), system.common_std(scales.shared(some, system))
         z, e, d = system.draw(tau, std, rng)
         parts.append((z, e, d, tau, std))

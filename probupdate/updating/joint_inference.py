@@ -134,7 +134,7 @@ class JointEstimate:
                                 np.repeat(np.arange(len(months)), [len(m.problems) for m in months])])
         layout = Layout.from_roles(self.roles, self.scores.covariance, error.middle)
         whole = FarmSystem.assemble(group_inners(error, self.new, group)[:-1], layout, self.error.kind, self.error.form)
-        system = whole.turned(self.turn, self.system.kind, self.system.form)
+        system = whole.rotate_errors(self.turn, self.system.kind, self.system.form)
         system = system.with_odd_scale(self.system.wide[list(number)])
         shared = self.roles.numbers(self.roles.shared)
         joint = self.system.conditional(self.tau, self.common_std)
@@ -269,6 +269,6 @@ def sample_farm(
     draws = draw_nonlinear(estimate.models(), draw_linear(estimate.system, estimate.scales, chain, seed=seed),
                            estimate.turn, shared=estimate.roles.numbers(estimate.roles.shared), seed=seed, jobs=jobs,
                            progress=progress)
-    weight, k = draws.weighed()
+    weight, k = draws.weigh()
     return JointPosterior(chain=chain, draws=draws, weight=frozen_array(weight), pareto_k=k,
                           effective=float(1 / np.sum(weight**2)))

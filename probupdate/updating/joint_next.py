@@ -75,7 +75,7 @@ def _repeat_sets(estimate: JointEstimate, i: int, *, again: bool) -> FarmSystem:
     inner, system = estimate.inners[i], estimate.system
     twice = replace(inner, products=2 * inner.products, constant=2 * inner.constant) if again else inner
     one = FarmSystem.assemble([twice], system.layout, estimate.error.kind, estimate.error.form)
-    one = one.turned(estimate.turn, system.kind, system.form)
+    one = one.rotate_errors(estimate.turn, system.kind, system.form)
     names = ("products", "constant", "own_rows", "own_root", "wide")
     parts = {}
     for name in names:

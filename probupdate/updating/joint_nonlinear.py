@@ -262,7 +262,7 @@ class FarmModels:
         """u (n, n_turbine, n_param)."""
         return self.middle + draws.d
 
-    def moved(
+    def transport(
         self, draws: LinearDraws, fast: FastModels, jobs: int | Executor
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of linear draws: z (n, n_z), u (n, n_turbine, n_param) and e (n, n_e) where they are moved to, and ln of what
@@ -377,7 +377,7 @@ def draw_nonlinear(
     fast, parts = fast_models(models.turbines, models.turbines[0].theta(u), seed, progress), []
     for start in range(0, len(u), CHUNK):
         progress("true model at the draws", start, len(u))
-        parts.append(models.moved(draws.some(slice(start, start + CHUNK)), fast, jobs))
+        parts.append(models.transport(draws.some(slice(start, start + CHUNK)), fast, jobs))
     progress("true model at the draws", len(u), len(u))
     z, u, e, weight = (np.concatenate([part[k] for part in parts]) for k in range(4))
     z = z + models.middle[list(shared)]

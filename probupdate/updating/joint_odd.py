@@ -69,7 +69,7 @@ def odd_turbines(
     for _ in range(PASSES if n >= FEWEST and share > 0 else 0):
         if counts.sum() < FEWEST - 1:
             break
-        nodes = _nodes(system.chosen(np.flatnonzero(counts)), scales, seed)
+        nodes = _nodes(system.select(np.flatnonzero(counts)), scales, seed)
         mixtures = _mixtures(system, counts, scales, nodes, wide)
         judged: list[tuple[Any, ...]] = [m.judge_turbines(share) for m in mixtures]
         found = OddTurbines(**{name: frozen_array([one[k] for one in judged]) for k, name in enumerate(
@@ -99,7 +99,7 @@ def _nobody(n: int, n_z: int) -> OddTurbines:
 def _start_values(system: FarmSystem, scales: Scales) -> np.ndarray:
     """Turbines (n_turbine,) to begin with, by what each says alone of its z."""
     tau, std = scales.tau(np.zeros(len(scales.spread))), system.common_std(scales.hyper)
-    alone = [system.chosen([i]).conditional(tau, std) for i in range(len(system.products))]
+    alone = [system.select([i]).conditional(tau, std) for i in range(len(system.products))]
     value = np.array([one.mean[: one.n_z] for one in alone])
     return is_near_median(value, np.full_like(value, LEAST), FAR) if len(value) > 3 else np.ones(len(value), bool)
 

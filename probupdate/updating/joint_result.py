@@ -163,7 +163,7 @@ def _turbine_rows(estimate: JointEstimate, posterior: JointPosterior, weight, na
     shared, value, at_bound = list(roles.shared), estimate.theta, estimate.at_bound
     theta, rate = scores.back(posterior.draws.u), scores.rate(value)
     for i, turbine in enumerate(names):
-        alone = system.chosen([i])
+        alone = system.select([i])
         own = alone.of_turbines(tau, alone.conditional(tau, estimate.common_std))[1][0]
         for k, p in enumerate(parameters):
             role = roles.role(p.name)

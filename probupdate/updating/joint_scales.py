@@ -119,7 +119,7 @@ class ScaleChain:
     converged: bool
     verdict: str
 
-    def thinned(self, n: int) -> np.ndarray:
+    def thin(self, n: int) -> np.ndarray:
         """n of its draws (n, n_x)."""
         return self.x[np.linspace(0, len(self.x) - 1, n).astype(int)]
 

@@ -117,7 +117,7 @@ def _mean_set(data: ModalData, id: str, covariance: bool) -> tuple[ModalSet, lis
     shape = Mean.estimate(np.real(np.array([s.shape for s in sets])), np.array([s.shape_std for s in sets]))
     imaginary = _weighted_sum(np.imag(np.array([s.shape for s in sets])), shape.share)
     damping = Mean.estimate(np.array([s.damping_ratio for s in sets]), np.array([s.damping_ratio_std for s in sets]))
-    every = [s.covariance_factors.loaded() for s in sets if s.covariance_factors is not None]
+    every = [s.covariance_factors.load() for s in sets if s.covariance_factors is not None]
     factors = _mean_factors(every, mean, shape, damping) if len(every) == len(sets) else None
     together = ModalSet(
         id=id, frequency_hz=mean.value, frequency_std_hz=mean.std, damping_ratio=damping.value,
@@ -201,7 +201,7 @@ def _to_one_scale(data: ModalData) -> list[ModalSet]:
 
 def _turn_set(modal_set: ModalSet, target: np.ndarray, clusters: Sequence[Sequence[int]]) -> ModalSet:
     shape, std = np.array(modal_set.shape), np.array(modal_set.shape_std)
-    factors = None if modal_set.covariance_factors is None else modal_set.covariance_factors.loaded()
+    factors = None if modal_set.covariance_factors is None else modal_set.covariance_factors.load()
     moved = None if factors is None else np.array(factors.shape)
     for cluster in clusters:
         members = list(cluster)

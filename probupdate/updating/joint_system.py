@@ -161,7 +161,7 @@ class FarmSystem:
     def with_odd_scale(self, wide: np.ndarray) -> FarmSystem:
         return replace(self, wide=frozen_array(wide))
 
-    def chosen(self, keep: Sequence[int] | np.ndarray) -> FarmSystem:
+    def select(self, keep: Sequence[int] | np.ndarray) -> FarmSystem:
         """Of some of the turbines."""
         k = list(keep)
         return replace(self, products=self.products[k], constant=self.constant[k], own_rows=self.own_rows[k],
@@ -292,10 +292,10 @@ class FarmSystem:
         turn[known, : kept.shape[1]] = std[known, None] * kept
         turn[~fixed, kept.shape[1] :] = np.eye(np.sum(~fixed))
         none = np.zeros(kept.shape[1])
-        return self.turned(turn, np.concatenate([none.astype(int), self.kind[~fixed]]),
+        return self.rotate_errors(turn, np.concatenate([none.astype(int), self.kind[~fixed]]),
                            np.concatenate([none, self.form[~fixed]])), turn
 
-    def turned(self, turn: np.ndarray, kind: np.ndarray, form: np.ndarray) -> FarmSystem:
+    def rotate_errors(self, turn: np.ndarray, kind: np.ndarray, form: np.ndarray) -> FarmSystem:
         """With e = turn e', turn (n_e, n_kept)."""
         full = linalg.block_diag(np.eye(1 + self.n_z), turn)
         return replace(self, products=frozen_array(full.T @ self.products @ full), kind=kind, form=form,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from probupdate.modal.matching import APART, CLEAR, assign
-from probupdate.modal.modes import OWN_DIRECTIONS, spanning
+from probupdate.modal.modes import OWN_DIRECTIONS, modes_of_plane
 from probupdate.updating.responses import ResponseGroup
 
 
@@ -57,7 +57,7 @@ def _assign_columns(groups: Sequence[ResponseGroup], score: np.ndarray, shape: n
         there = slice(start, start + group.size)
         own = tuple(sorted(int(i) for i in result[there]))
         if len(own) == 2:
-            own = spanning(group.plane, shape[group.rows], score[start], own, set(result.tolist()))
+            own = modes_of_plane(group.plane, shape[group.rows], score[start], own, set(result.tolist()))
         result[there] = sorted(own)
         start += group.size
     return result

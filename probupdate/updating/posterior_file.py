@@ -17,7 +17,7 @@ from probupdate.errors import InputError, parsing
 from probupdate.io.files import write_bytes, written_whole
 from probupdate.io.hdf5_file import refuse_unsafe
 from probupdate.io.result_table import table_of
-from probupdate.io.schema import validated
+from probupdate.io.schema import validate
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.baseline import LearntError
 
@@ -235,7 +235,7 @@ def read_posterior(path: str | Path) -> Posterior:
     again = "write it again with `probupdate sample`"
     with parsing(str(path), "lacks something or is damaged", again), closing(data):
         found = _from_groups(path, data)
-    _refuse_sizes(path, validated(found, path, again), again)
+    _refuse_sizes(path, validate(found, path, again), again)
     return found
 
 

@@ -163,7 +163,7 @@ def population_left_out(population: Population, number: int) -> tuple[float, flo
 
 def population_score(population: Population, likelihoods: SetLikelihoods, number: int) -> float:
     """The same from draws that have not seen it."""
-    value = likelihoods.chosen([number]).marginal(population.mean, population.factor)[:, 0]
+    value = likelihoods.select([number]).marginal(population.mean, population.factor)[:, 0]
     return float(_log_sum(value) - np.log(value.size))
 
 

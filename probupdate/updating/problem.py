@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, special
 
 from probupdate.errors import InputError, ProbupdateError
-from probupdate.modal.matching import Matching, channel_rows, nearest_free, reading
+from probupdate.modal.matching import Matching, channel_rows, nearest_free, with_stated_gravity
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
@@ -302,7 +302,7 @@ class Problem:
             shape = np.take_along_axis(solved.shape[:, group.rows], columns[:, None, :], axis=2)
             frequency[:, start : start + k], shape = group.combine_modes(own, shape)
             if group.shapes != "none":
-                parts.append(group.aligned(shape).transpose(0, 2, 1).reshape(len(theta), -1))
+                parts.append(group.align(shape).transpose(0, 2, 1).reshape(len(theta), -1))
             if k == 1 and not group.n_mates:
                 mac[:, start] = np.take_along_axis(criterion[:, start], columns, axis=1)[:, 0]
             else:
@@ -393,7 +393,7 @@ class Problem:
         for group, (shape, change) in zip(self.groups, shapes, strict=True):
             if group.shapes == "none":
                 continue
-            response.append(group.aligned(shape)[0].T.ravel())
+            response.append(group.align(shape)[0].T.ravel())
             slope.append(group.aligned_derivative(shape[0], change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
         return np.concatenate(response), np.concatenate(slope)
 
@@ -669,7 +669,7 @@ def build_problem(
     """
     if not len(model.parameters):
         raise InputError(model.name, "has no parameters to update", "list at least one [[parameter]] in its TOML")
-    model = reading(model, data.felt)
+    model = with_stated_gravity(model, data.felt)
     modal_set = data.set(set_id)
     weights = weights or Weights()
     rows = channel_rows(model, data.channels)

@@ -305,7 +305,7 @@ class ResponseGroup:
         d_combined = (moved + over @ d_t) * self.shape_std[:, None]
         return d_square[None] / (2 * np.sqrt(square)), d_combined[:, None]
 
-    def aligned(self, shape: np.ndarray) -> np.ndarray:
+    def align(self, shape: np.ndarray) -> np.ndarray:
         """Computed shapes (m, n, k) combined to the measured basis: the responses of shapes (m, n, k).
 
         Independent errors: the combination Y T closest to the basis over its standard deviations. A covariance: the

@@ -84,14 +84,14 @@ class SetLikelihoods:
         spread = np.swapaxes(factor, 1, 2)[:, None] @ self.precision @ factor[:, None]
         return np.einsum("nkl,njk->njl", factor, b), np.linalg.cholesky(np.eye(mean.shape[1]) + spread)
 
-    def chosen(self, numbers: Sequence[int]) -> SetLikelihoods:
+    def select(self, numbers: Sequence[int]) -> SetLikelihoods:
         """Of some of the sets."""
         pick = list(numbers)
         return SetLikelihoods(ids=tuple(self.ids[j] for j in pick), centre=self.centre[pick], value=self.value[pick],
                               gradient=self.gradient[pick], precision=self.precision[pick])
 
     def leave_out(self, number: int) -> SetLikelihoods:
-        return self.chosen([j for j in range(len(self.ids)) if j != number])
+        return self.select([j for j in range(len(self.ids)) if j != number])
 
 
 def linearise(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates) -> SetLikelihoods:

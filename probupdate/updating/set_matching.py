@@ -9,7 +9,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.modal.matching import APART, Matching, channel_rows, match, reading
+from probupdate.modal.matching import APART, Matching, channel_rows, match, with_stated_gravity
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.updating.settings import CONSTANTS
@@ -79,7 +79,7 @@ def suspected_channels(
     """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta
     (n_param,); of modes that are `absent` in the model no sensor is to blame."""
     rows = channel_rows(model, data.channels)
-    model, modal_set = reading(model, data.felt), data.set(set_id)
+    model, modal_set = with_stated_gravity(model, data.felt), data.set(set_id)
     n_mode = len(solution_beyond(model, modal_set).frequency_hz)
     if len(absent):
         shape = np.array(modal_set.shape)

@@ -192,14 +192,14 @@ def view_sets(
     centres = np.array([_hold_inside_bounds(x.theta, parameters, coordinates) for x in maxima])
     shared = shared_error(problems, centres, coordinates)
     scales = learn_scales(shared, prior, tau)
-    noise = shared.conditional_problems(shared.expected(scales.new, scales.shared, tau, prior), scales.new)
+    noise = shared.conditional_problems(shared.expected_common(scales.new, scales.shared, tau, prior), scales.new)
     first = sample_population(linearise(noise, centres, coordinates), parameters, coordinates, target_ess=FIRST_ESS,
                               r_hat_limit=FIRST_R_HAT, **options)
     # once more about where the population puts each set
     middle = linearise(noise, centres, coordinates).draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
     centres = np.array([_hold_inside_bounds(x, parameters, coordinates) for x in coordinates.back(middle)])
     shared = shared_error(problems, centres, coordinates)
-    expected = shared.expected(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
+    expected = shared.expected_common(scales.new, scales.shared, np.median(first.tau, axis=0), prior)
     likelihoods = linearise(noise := shared.conditional_problems(expected, scales.new), centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
     at_one = Common.from_error(_linearise_at_one(shared, scales, parameters, coordinates, prior), prior)

@@ -65,7 +65,7 @@ class Inner:
         turn[n:, 0] = -e
         return replace(self, products=turn.T @ self.products @ turn, kind=self.kind[:0])
 
-    def reduced(self, common_std: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def reduce(self, common_std: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """ln p = value + gradient d - d^T precision d / 2 of one d for all, with e ~ N(0, common_std^2) integrated out:
         (n,), (n, n_param), (n, n_param, n_param) of n common_std (n, n_common).
 
@@ -99,7 +99,7 @@ class Inner:
 
     def evidence(self, common_std: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """ln of the integral over d too (n,), with a Gaussian for its prior, + const."""
-        value, gradient, precision = self.reduced(common_std)
+        value, gradient, precision = self.reduce(common_std)
         return value + log_gaussian_integral(gradient, precision, self.middle, prior)
 
 
@@ -217,9 +217,9 @@ class SharedError:
     def likelihoods(self, inner: Inner, scales: Sequence[Scales]) -> AveragedDensity:
         """Of the sets summed in `inner` at one common u, averaged over the scales."""
         std = self.common_std(np.array([s.shared for s in scales]))
-        return average_density(inner.middle, [s.log_weight for s in scales], *inner.reduced(std))
+        return average_density(inner.middle, [s.log_weight for s in scales], *inner.reduce(std))
 
-    def expected(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior) -> np.ndarray:
+    def expected_common(self, new, shared: Sequence[Scales], tau: np.ndarray, prior: GaussianPrior) -> np.ndarray:
         """Posterior mean of what is common (n_common,), each set's own parameters scattered by tau."""
         found = self._common_posterior(new, shared, tau, prior)
         return np.sum([share * std * e for share, std, e, *_ in found], axis=0)

@@ -17,7 +17,7 @@ from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake, shape_agreement, signed_comac
-from probupdate.modal.matching import reading
+from probupdate.modal.matching import with_stated_gravity
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.joint_set import joint_set
@@ -88,7 +88,7 @@ def _shapes_against(
     one = joint.data.set()
     at = ModelAt(model, parameters, str(campaign.path), data.felt,
                  sensors=sensors_of([campaign]) if has_geometry(model) else None)
-    opened = reading(at(one), data.felt)
+    opened = with_stated_gravity(at(one), data.felt)
     rows = [opened.channels.index(c) for c in data.channels]
     shape = opened.solve(opened.parameters.initial, min(data.n_mode + SEARCH, opened.n_available)).shape[rows]
     agreement, n_mode = shape_agreement(one, shape), int(np.sum(one.measured))

@@ -18,7 +18,7 @@ from probupdate.identification.block_store import BlockStore, start_of, stored_b
 from probupdate.identification.identify import SSISettings, proposed_poles
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.result_table import plural, table_of
-from probupdate.modal.matching import channel_rows, reading
+from probupdate.modal.matching import channel_rows, with_stated_gravity
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.runtime.progress import Progress, silent
 from probupdate.verbs.identifying import GIVEN, ssi_settings
@@ -186,7 +186,7 @@ def _add_model(
     if model is None or campaign is None:
         return found
     opened = open_model(model, parameters, campaign.sensors if has_geometry(model) else None)
-    opened = reading(opened, {s.channel: bool(s.gravity) for s in campaign.sensors})
+    opened = with_stated_gravity(opened, {s.channel: bool(s.gravity) for s in campaign.sensors})
     theta = opened.parameters.initial
     n_mode = expansion_modes(len(campaign.sensors), opened.n_available)
     wire = opened.wireframe(theta, n_mode)

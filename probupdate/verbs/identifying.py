@@ -30,7 +30,7 @@ from probupdate.identification.setups import identify_setups as identify_campaig
 from probupdate.modal.conditions import of_turbine
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
-from probupdate.modal.matching import reading
+from probupdate.modal.matching import with_stated_gravity
 from probupdate.modal.mode_choice import ModeChoice
 from probupdate.modal.modes import ModalData, Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
@@ -266,7 +266,7 @@ def reference_at(
                              "give --model, or leave it out")
         return SoughtModes(modes=None, others=None, notes=implausible_places(sensors))
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
-    turbine = reading(turbine, {s.channel: bool(s.gravity) for s in sensors})
+    turbine = with_stated_gravity(turbine, {s.channel: bool(s.gravity) for s in sensors})
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
         raise InputError(

@@ -14,7 +14,7 @@ from probupdate.effects.alternatives import AlternativeModels
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.io.files import read_bytes
-from probupdate.modal.matching import reading
+from probupdate.modal.matching import with_stated_gravity
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
@@ -105,7 +105,7 @@ class ModelAt:
         if angle not in self._open_models:
             opened = open_model(self.model, self.parameters, self.sensors, nacelle_angle_deg=angle, fix=self.fix)
             known = self.with_alternatives(self.with_uncertainty(opened, angle), angle)
-            self._open_models[angle] = reading(known, self.felt)
+            self._open_models[angle] = with_stated_gravity(known, self.felt)
         return self._open_models[angle]
 
     def with_uncertainty(self, opened: Model, angle_deg: float | None) -> Model:

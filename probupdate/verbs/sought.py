@@ -55,7 +55,7 @@ class SoughtModes:
             return []
         share = SelectionCriteria().required_share
         shown = {one.model_frequency_hz for one in records if one.match == "alike" and one.found >= share * one.blocks}
-        model = self.modes if self.others is None else self.modes.joined(self.others)
+        model = self.modes if self.others is None else self.modes.join(self.others)
         ascending = sorted(zip(model.frequency_hz, model.labels, strict=True))
         lowest = list(takewhile(lambda mode: mode[0] in shown, ascending))
         if not lowest or lowest[-1][0] < min(further):

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
-from probupdate.io.schema import Range, table_as, validated
+from probupdate.io.schema import Range, table_as, validate
 from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.effects import read_effect
 from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
@@ -142,7 +142,7 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
     with parsing(str(path), "is not a truth file", "give the truth.toml that simulate wrote"):
         found = tuple(_truth_modes(entry) for entry in raw["mode_set"])
     for number, modes in enumerate(found, 1):
-        validated(modes, f"{path}, mode_set {number}", "give the truth.toml that simulate wrote")
+        validate(modes, f"{path}, mode_set {number}", "give the truth.toml that simulate wrote")
         each = (modes.frequency_hz, modes.damping_ratio_idling, modes.damping_ratio_operating)
         n_mode = len(modes.labels)
         if modes.shape.ndim != 2 or modes.shape.shape[1] != n_mode or any(a.shape != (n_mode,) for a in each):

@@ -193,7 +193,7 @@ def replicate(number: int, shapes: bool, n_set: int, size: float, kind: str) -> 
     found["ignores"] = at(error, none)
     quiet = found["ignores"]
     inner = error.sum_sets(none.new)
-    _, gradient, precision = inner.reduced(error.common_std(np.zeros((1, 3))))
+    _, gradient, precision = inner.reduce(error.common_std(np.zeros((1, 3))))
     d = quiet.mean[0] - inner.middle
     misfit = inner.products[0, 0] - 2 * gradient[0] @ d + d @ precision[0] @ d
     free = sum(p.n_effective for p in error.problems) - np.trace(quiet.cov[0] @ precision[0])

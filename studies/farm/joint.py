@@ -143,7 +143,7 @@ def one_farm(n: int, seed: int, curved: bool) -> dict:
     chain = sample_scales(SCALES, system, SCALES.maximum(system), seed=seed)
     drawn = draw_linear(system, SCALES, chain, seed=seed, n=1000)
     draws = JointDraws(z=drawn.z, e=drawn.e, tau=drawn.tau, u=drawn.d, log_weight=np.zeros(1000))
-    weight, _ = draws.weighed()
+    weight, _ = draws.weigh()
     hits = {}
     for kind, values, truth in (
             ("common", draws.z[:, :2], farm.z[:2]), ("mean of varying", draws.z[:, 2:], farm.z[2:]),

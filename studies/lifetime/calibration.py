@@ -142,12 +142,12 @@ def make_bench(folder: Path, case: str) -> Bench:
     conditions = one_direction()
     full = fatigue_model(read_description(path), str(path), conditions)
     draws = full.parameters.draw(rng, 12)
-    start = full.reduced(draws[:3])
+    start = full.reduce(draws[:3])
     design = start.solve(full.parameters.initial)
     spots = [*worst_spots(start, design.damage_per_year(), N_SPOT - 1)]
     girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
     spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
-    few = full.select(spots).reduced(draws)
+    few = full.select(spots).reduce(draws)
     curve = DamageCurve.from_stress(few.solve(few.parameters.initial))
     kept = folder / f"direct.{'named' if case == 'scour-named' else 'own'}.npy"
     if not kept.exists():
@@ -357,7 +357,7 @@ def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
             [names[bench.fatigue.details[s.detail].name, s.side, s.place] for s in bench.fatigue.spots]
         )
         data = measured(bench, whole, errors, rng)
-        true = whole.reduced([]).solve(one.initial)
+        true = whole.reduce([]).solve(one.initial)
         line |= {"true": bench.curve.factor(np.log(true.damage_per_year())).tolist(), "theta": theta.tolist()}
         # the floors alone: an estimated discrepancy was zero in each of the first dozen
         weights = weights_by_name("measured", data)

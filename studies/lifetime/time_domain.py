@@ -352,7 +352,7 @@ def run(seed: int, batches: int = BATCHES, count=by_package) -> dict:
     model = fatigue_model(parse_description(raw, raw["name"]), raw["name"], conditions)
     initial = model.parameters.initial
     begun = time.process_time()
-    found = model.reduced([initial]).solve(initial)
+    found = model.reduce([initial]).solve(initial)
     annual = found.damage_per_year()
     ours = time.process_time() - begun
     spots = np.argsort(-annual)[:WORST]

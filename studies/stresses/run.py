@@ -103,7 +103,7 @@ def by_one_mode(data: np.ndarray, modes: tuple[np.ndarray, np.ndarray], top: tup
 
 
 def first_modes(fm, channels) -> tuple[np.ndarray, np.ndarray]:
-    model = fm.models[0].reduced([fm.parameters.initial])
+    model = fm.models[0].reduce([fm.parameters.initial])
     m = model.modes_at(fm.parameters.initial, {})
     rows = model.model.channel_rows(fm.parameters.initial)[: len(channels)] @ model.basis @ m.U[:, :2]
     return rows, (m.RK - m.RM * np.r_[m.value[:2], m.value[2:]])[:, :2]

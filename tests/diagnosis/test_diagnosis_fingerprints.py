@@ -39,7 +39,7 @@ def identified(small, field, theta, effect=None, size=0.0):
     for members in groups:
         own, f = shape[:, list(members)].astype(complex), modes.frequency_hz[list(members)]
         if effect is not None:
-            own, shift = effect.seen(own, f, size)
+            own, shift = effect.sensed(own, f, size)
             f = f * np.exp(shift)
         yield f, own * SCRAMBLE[: len(members)]
 
@@ -89,7 +89,7 @@ def test_a_logger_turns_each_mode_of_a_pair_by_its_own_frequency(prepared, recor
     seen = observe(field.references(small.evaluate(theta), 0.0), [(late, 54.0), (swap, 1.0)])
     for q, (f, shape) in enumerate(identified(small, field, theta)):
         # the cable before the logger
-        turned = late.seen(swap.seen(shape, f, 1.0)[0], f, 54.0)[0]
+        turned = late.sensed(swap.sensed(shape, f, 1.0)[0], f, 54.0)[0]
         expected = numbers_of_modes(f[None], turned[None], field.axes[q])[0]
         here = Reference(tensor=seen[q].tensor[None], shape=seen[q].shape[None])
         row.error(numbers_of(here, field.axes[q])[0] - expected, 1e-10, case=q)
@@ -393,7 +393,7 @@ def test_departures_far_from_the_model_change_as_the_design_says(prepared, recor
             sides.append(residuals_at(problem, moved, ()))
         unknowns = np.zeros(design.n_unknown)
         unknowns[number] = 1.0
-        for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):
+        for plus, minus, made, w in zip(*sides, design.expected_residuals(unknowns), noise.weight, strict=True):
             change = ((plus - minus) / 2e-4)[w > 0]
             row.error((change + made[w > 0]) / np.abs(made).max(), 1e-4)
 

@@ -49,7 +49,7 @@ def fitted(design, residuals) -> Residual:
     chosen = np.zeros_like(solved)
     chosen[HELD] = solved[HELD]
     left = tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(residuals, design.expected(chosen), design.noise.weight, strict=True))
+                 zip(residuals, design.expected_residuals(chosen), design.noise.weight, strict=True))
     return Residual(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
 
 
@@ -64,7 +64,7 @@ def test_deviations_are_those_of_the_covariance_written_out(design, validation):
                      reference="W V^-1 W written out", why="rounding, of each and of a tenth at least")
     rows = [(q, b, i) for q, m in enumerate(SIZES) for b in np.flatnonzero(design.noise.weight[q]) for i in range(m)]
     unknown = np.eye(design.n_unknown)
-    G = np.array([[y[q][b, i] for q, b, i in rows] for y in map(design.expected, unknown)]).T
+    G = np.array([[y[q][b, i] for q, b, i in rows] for y in map(design.expected_residuals, unknown)]).T
     noise = np.array([[design.noise.covariance[q][i, j] / design.noise.weight[q][b] if (p, c) == (q, b) else 0.0
                        for p, c, j in rows] for q, b, i in rows])
     others = np.setdiff1d(np.arange(design.n_unknown), HELD)

@@ -17,7 +17,7 @@ from probupdate.identification.criteria import (
     preset_criteria,
     read_criteria,
 )
-from probupdate.identification.selection import inconsistency, outlying, select, shape_scatter
+from probupdate.identification.selection import find_outliers, inconsistency, select, shape_scatter
 from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes, write_modes
 
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -344,7 +344,7 @@ def test_like_sets_have_an_outlier_once_in_a_thousand(validation):
     row = validation(what="share of nine numbers of one population with an outlier", reference="0.001, as stated",
                      why="four standard deviations of 2000 draws")
     rng = np.random.default_rng(5)
-    found = sum(outlying(np.round(0.32 + 0.003 * rng.standard_normal(9), 3), 1e-3, 1e-3 / np.sqrt(12)).any()
+    found = sum(find_outliers(np.round(0.32 + 0.003 * rng.standard_normal(9), 3), 1e-3, 1e-3 / np.sqrt(12)).any()
                 for _ in range(2000))
     row.error(found / 2000 - 1e-3, below=2.8e-3)
 

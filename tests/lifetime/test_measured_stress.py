@@ -16,7 +16,7 @@ from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.gauges import Gauges, read_gauges
-from probupdate.lifetime.load_estimate import driven, smoother, used_lines, wind_cases
+from probupdate.lifetime.load_estimate import loaded_structure, smoother, used_lines, wind_cases
 from probupdate.reporting import built_section
 from probupdate.reporting.values import Run
 from probupdate.structure.description_file import parse_description
@@ -357,14 +357,15 @@ def reduced():
     for p in source["parameter"]:
         p["update"] = p["name"] in UPDATED[:3]
     model = fatigue_model(parse_description(source, "small"), "small", Conditions.model_validate(raw)).models[0]
-    return model.reduced([model.parameters.initial], both_ways=True)
+    return model.reduce([model.parameters.initial], both_ways=True)
 
 
 @pytest.fixture(scope="module")
 def structure(reduced):
     """At the lines of a block."""
     _, f = used_lines(int(RATE * 60 * MINUTES), RATE)
-    return driven(reduced, reduced.parameters.initial, {}, wind_cases(reduced, 0, f), f, np.zeros(len(SENSORS), int), 6)
+    return loaded_structure(reduced, reduced.parameters.initial, {}, wind_cases(reduced, 0, f), f,
+                            np.zeros(len(SENSORS), int), 6)
 
 
 def test_stresses_are_those_of_all_modes_and_of_waves_at_every_line(structure, reduced, validation):
@@ -372,7 +373,7 @@ def test_stresses_are_those_of_all_modes_and_of_waves_at_every_line(structure, r
     plain = replace(reduced, frequency_hz=structure.frequency_hz, conditions=state)
     m, wet = plain.modes_at(reduced.parameters.initial, {}), structure.frequency_hz <= 0.6
     hubs = [m.U.T @ (plain.basis.T @ hub) for hub in (plain.hub, plain.across)]
-    waves = [model.cases[0] for model in (plain, plain.turned())]
+    waves = [model.cases[0] for model in (plain, plain.rotate_loads())]
     expected = [m.stress(hub[:, None] / m.plain) for hub in hubs]
     expected += [m.stress((m.U.T @ c.load) / m.plain[:, wet]) - m.scale * c.own for c in waves]
     error = []

@@ -139,5 +139,5 @@ def test_stress_and_thickness_are_the_welds_own(described):
         effect = max(1.0, wall / law.reference_thickness_m) ** law.thickness_exponent
         assert whole.spots[8 * k].thickness_effect == pytest.approx(effect, rel=1e-12)
     theta = whole.parameters.initial
-    ranges = [m.reduced([]).solve(theta).equivalent_mpa(3.0) for m in (whole, twice)]
+    ranges = [m.reduce([]).solve(theta).equivalent_mpa(3.0) for m in (whole, twice)]
     np.testing.assert_allclose(ranges[1], 2 * ranges[0], rtol=1e-9)

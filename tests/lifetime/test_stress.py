@@ -101,7 +101,7 @@ def test_thickness_is_in_damage_and_not_in_stress(whole):
     thick = model(lambda raw: raw["curve"]["T"].update(reference_thickness_m=reference))
     welds = [k for k, s in enumerate(thick.spots) if s.side == "weld"]
     wall = thick.details[thick.spots[welds[0]].detail].section.thickness_m
-    stresses_of = [m.select(welds).reduced([]).solve(m.parameters.initial) for m in (whole, thick)]
+    stresses_of = [m.select(welds).reduce([]).solve(m.parameters.initial) for m in (whole, thick)]
     np.testing.assert_allclose(stresses_of[1].moments, stresses_of[0].moments, rtol=1e-9)
     # DNV-RP-C203, eq. 2.4.3: every range as if it were (t / t_ref)^k times as large
     counted = stresses_of[0].damage_per_year((wall / reference) ** 0.25)
@@ -234,7 +234,7 @@ def test_derivatives_are_those_of_differences(whole, validation):
                          why="high modes' damping, which the values leave out")
     rng = np.random.default_rng(3)
     thetas = whole.parameters.initial * (1 + 0.05 * rng.standard_normal((3, len(UPDATED))))
-    small, theta = whole.reduced(thetas), thetas[0]
+    small, theta = whole.reduce(thetas), thetas[0]
     damping = {"FA1": 0.03, "SS1": 0.012}
     exact = [small.solve(theta, damping, derivatives=True).equivalent_change(m) for m in (3.0, 5.0)]
     # where symmetry leaves hardly any stress the differences are those of how high modes are damped
@@ -254,7 +254,7 @@ def test_the_basis_answers_what_it_has_not_seen(whole, validation):
     row = validation(what="ranges on the basis", reference="all degrees of freedom, unseen parameters")
     rng = np.random.default_rng(4)
     thetas = whole.parameters.initial * (1 + 0.1 * rng.standard_normal((10, len(UPDATED))))
-    small = whole.reduced(thetas[:8])
+    small = whole.reduce(thetas[:8])
     assert small.models[0].basis.shape[1] < whole.models[0].model.n_dof
     for theta in thetas[8:]:
         row.error(small.solve(theta).equivalent_mpa(5.0) / whole.solve(theta).equivalent_mpa(5.0) - 1, below=5e-3)
@@ -288,7 +288,7 @@ def test_a_slow_modes_resonance_is_resolved(validation):
         {"heading_deg": 0.0, "share": 1.0}], "state": [{**CONDITIONS["state"][0], "share": 1.0, "hs_m": 0.01}]}
     one = fatigue_model(parse_description(raw, "slow"), "slow", Conditions.model_validate(conditions)).models[0]
     theta, girth = one.parameters.initial, 0
-    one = one.select([len(one.details) - 1]).reduced([theta])
+    one = one.select([len(one.details) - 1]).reduce([theta])
     assert 0.1 < one.solve(theta, {}).frequency_hz[0] < 0.18
     fine = stresses.replace(one, frequency_hz=np.geomspace(1 / 600, 3.0, int(np.log(1800) / 1e-3)))
     names = one.modes_at(theta, {"FA1": 0.01}).labels

@@ -131,7 +131,7 @@ def test_derivatives_are_those_of_differences(whole, validation):
     checked = validation(what="the same, d ln DEL / d theta with wall and wall loss, equal pairs of modes",
                          reference="central differences", why="their step; of each, and a tenth of the largest")
     theta = whole.parameters.initial
-    small = whole.reduced([theta * 1.02, theta * 0.98])
+    small = whole.reduce([theta * 1.02, theta * 0.98])
     exact = small.solve(theta, {}, derivatives=True).equivalent_change(5.0)
     for k in range(len(theta)):
         h = 1e-3 * theta[k]

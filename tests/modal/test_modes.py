@@ -149,7 +149,7 @@ def test_channels_are_left_out_of_shapes_and_covariances_alone():
         assert less.channels == ("a", "d") and less.labels == data.labels
         assert np.array_equal(left.shape, one.shape[[0, 3]], equal_nan=True)
         assert np.array_equal(left.frequency_hz, one.frequency_hz, equal_nan=True)
-        assert np.array_equal(left.covariance_factors.loaded().shape, factors.shape[[0, 3]])
+        assert np.array_equal(left.covariance_factors.load().shape, factors.shape[[0, 3]])
         assert np.array_equal(left.covariance_factors.ln_frequency, factors.ln_frequency)
     with pytest.raises(InputError, match="channel x.*there is none.*a, b, c, d"):
         data.without_channels(["x"])
@@ -417,4 +417,4 @@ def test_sets_of_a_large_file_leave_their_columns_there(tmp_path, monkeypatch):
         assert np.array_equal(one.covariance_factors.shape, elsewhere.shape, equal_nan=True)
     write_modes(data_with_factors(("other",)), tmp_path / "m.json")
     with pytest.raises(InputError, match="has changed since"):
-        data.sets[0].covariance_factors.loaded()
+        data.sets[0].covariance_factors.load()

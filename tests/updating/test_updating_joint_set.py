@@ -78,7 +78,7 @@ def test_joint_covariance_of_equal_sets_is_one_over_their_number():
                                 damping_ratio=0.1 * rng.standard_normal((2, 7)),
                                 shape=0.01 * rng.standard_normal((3, 2, 7)))
     data = replace(data, sets=tuple(replace(s, covariance_factors=factors) for s in data.sets))
-    found = joint_set(data, covariance=True).data.set().covariance_factors.loaded()
+    found = joint_set(data, covariance=True).data.set().covariance_factors.load()
     assert found.ln_frequency @ found.ln_frequency.T == pytest.approx(
         factors.ln_frequency @ factors.ln_frequency.T / 9, rel=1e-6)
 

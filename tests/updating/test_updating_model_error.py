@@ -323,7 +323,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear, vali
     centres = np.tile(parameters.initial, (3, 1))
     shared, none = shared_error(problems, centres, coordinates), Scales(new=(0.0, 0.0), shared=(0.0, 0.0, 0.0))
     normal = parameters.initial, np.diag(parameters.std**-2.0)
-    expected = shared.expected(none.new, [none], np.full(3, 1e-9), normal)
+    expected = shared.expected_common(none.new, [none], np.full(3, 1e-9), normal)
     noise = linearise(shared.conditional_problems(expected, none.new), centres, coordinates)
     prior = np.diag(parameters.std**-2.0)
     K = noise.precision.sum(axis=0) + prior
