@@ -22,7 +22,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.matrices import SPARSE_PARTS, load_matrices, read_archive
 from probupdate.structure.parameter_table import read_parameters, updated_parameters
-from probupdate.structure.plausible_size import implausible_size
+from probupdate.structure.plausible_size import implausible_size, lying_words
 from probupdate.structure.schema import Number, Positive, Table
 
 if TYPE_CHECKING:
@@ -227,7 +227,9 @@ def write_matrices(
     kept, base = _clean_matrices(given, str(files[0]), notes)
     terms = _terms(asked, Path(groups) if groups else files[0], base, kept, files, notes)
     arrays = _channels_and_places(asked, base, str(groups or files[0]), notes)
-    notes += _lying_words(base)
+    if "dof_node" in arrays and (said := lying_words(
+            base.stiffness, arrays["node_position_m"][arrays["dof_node"]], arrays["dof_direction"])):
+        notes.append(f"the model is {said}")
     printed = given.frequency_hz if asked.check is None else np.array(asked.check.frequencies_hz)
     found = _solve_and_check(base, str(files[0]), printed)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -491,16 +493,6 @@ def _geometry(base: ProgramMatrices, notes: list[str]) -> dict[str, np.ndarray]:
     line = [(number[a], number[b]) for a, b in base.line if a in number and b in number]
     line = [(a, b) for a, b in line if not np.array_equal(place[a], place[b])]
     return found | ({"line": np.array(line)} if line else {})
-
-
-def _lying_words(base: ProgramMatrices) -> list[str]:
-    """A question where all nodes that are held stand at the least y, at several z: y is upwards in many programs."""
-    place = base.place or {}
-    every, feet = np.array(list(place.values())), np.array([place[n] for n in set(place) - set(np.ravel(base.node))])
-    if len(feet) < 3 or not np.ptp(feet[:, 2]) or np.any(feet[:, 1] > every[:, 1].min()) or not np.ptp(every[:, 1]):
-        return []
-    return ["all nodes that are held are at the least y and at several z: is y upwards in this model? z is here, in "
-            "the names of modes and in what sensors feel of gravity; turn the model in the program"]
 
 
 def _solve_and_check(base: ProgramMatrices, where: str, printed: np.ndarray | None) -> np.ndarray:

@@ -23,7 +23,7 @@ from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
-from probupdate.structure.plausible_size import implausible_size
+from probupdate.structure.plausible_size import implausible_size, lying_words
 from probupdate.structure.subdyn_doubts import doubtful_rows
 from probupdate.structure.subdyn_model import is_subdyn, read_description, turns_nacelle, with_tower
 
@@ -111,7 +111,7 @@ def modes_of_model(
         solution, phi, free = _solve_with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     labels = mode_labels(opened, solution, sensors or (), families=TURBINE if turbine else NEUTRAL, phi=phi)
-    notes = (*notes, *implausible_frequencies(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
+    notes = (*notes, *model_doubts(opened, solution.frequency_hz), *_distinguish_labels(labels, solution))
     shape = _without_rounding(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
@@ -121,8 +121,9 @@ def modes_of_model(
     )
 
 
-def implausible_frequencies(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
-    """A sentence where the lowest frequency above zero is none of a structure of the model's extent."""
+def model_doubts(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
+    """A sentence where the lowest frequency above zero is none of a structure of the model's extent, one where its
+    matrices may have y upwards."""
     own = frequency_hz[frequency_hz > 0]
     if not len(own):
         return ()
@@ -131,7 +132,9 @@ def implausible_frequencies(model: Model, frequency_hz: np.ndarray) -> tuple[str
     # the usual product is that of structures that stand: what floats bends at six times a cantilever's frequency
     extent_m = float(np.max(np.ptp(node_m, axis=0))) if len(own) == len(frequency_hz) else 0.0
     said = implausible_size(float(own[0]), extent_m)
-    return (said,) if said else ()
+    lying = "" if not isinstance(model, AffineModel) or places is None else lying_words(
+        model.matrices(model.parameters.initial)[0], places.position_m, places.direction)
+    return tuple(words for words in (said, lying) if words)
 
 
 def _solve_with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:

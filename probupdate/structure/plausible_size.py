@@ -1,4 +1,5 @@
-"""Whether a lowest frequency and an extent can be those of one structure, and places a model's, or a unit is wrong.
+"""Whether a lowest frequency and an extent can be those of one structure, and places a model's, or a unit is wrong, or
+another axis than z points upwards.
 
 The product of the two is a speed, a share of that of waves in the material: 40 m/s for a jacket with its turbine, 50
 for buildings, 100 for footbridges; a bar of steel alone has 1280, a quarter of the speed of sound in it.
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy import sparse
 
 # m/s, wide on purpose
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
@@ -19,6 +21,8 @@ MOST_EXTENT_M = 3000.0
 UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
                 "and that K and M are not exchanged")
 PLACES = {1e-3: "are the nodes' places in mm? they are to be in m", 1e3: "are the nodes' places a thousandth of m?"}
+# share of a row's stiffness below which a force is rounding
+ROUNDING = 1e-6
 # m in what places are stated in by mistake; share of them that then lie where the model has them, and that now may
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "dm": 0.1, "feet": 0.3048}
 FITTING, FITTING_NOW = 0.8, 0.5
@@ -58,3 +62,23 @@ def other_unit_words(distance_m: Callable[[float], np.ndarray], near_m: float) -
     if np.mean(distance_m(factor) <= near_m) < FITTING:
         return ""
     return f"places are {1 / factor:.4g} times the model's: {asked[factor]}"
+
+
+def lying_words(stiffness: sparse.csc_array, position_m: np.ndarray, direction: np.ndarray) -> str:
+    """A question where what holds a structure is in its lower half of y and on both sides of its middle in z, as many
+    programs have y upwards; '' elsewhere. Of each row of the stiffness (n, n) the place (n, 3) and the direction (n,),
+    0 to 2 of a translation. Moving the whole along an axis strains only what holds it."""
+    held = np.zeros(len(direction), bool)
+    for axis in range(3):
+        moved = (direction == axis).astype(float)
+        held |= (np.abs(stiffness @ moved) > ROUNDING * (abs(stiffness) @ moved)) & (moved > 0)
+    moves = (direction >= 0) & (direction < 3)
+    if not held.any():
+        return ""
+    (_, low_y, low_z), (_, high_y, high_z) = (end(position_m[moves], axis=0) for end in (np.min, np.max))
+    y, z = position_m[held, 1], position_m[held, 2]
+    if np.max(y) >= (low_y + high_y) / 2 or not np.min(z) < (low_z + high_z) / 2 < np.max(z):
+        return ""
+    return ("held at low y, on both sides of its middle in z: is y upwards there? z is here, in the names of modes and "
+            "in what sensors feel of gravity; turn the model, or in model.npz give node_position_m as (z, x, y) and 1, "
+            "2, 0, 4, 5, 3 for dof_direction 0 to 5")

@@ -37,7 +37,7 @@ from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.matrices import channel_places
-from probupdate.structure.own_modes import implausible_frequencies
+from probupdate.structure.own_modes import model_doubts
 from probupdate.structure.plausible_size import implausible_extent, other_unit_words
 from probupdate.structure.subdyn_model import turns_nacelle
 from probupdate.verbs.models import (
@@ -280,7 +280,7 @@ def reference_at(
     found = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
     computed = [one.frequency_hz for one in (found.modes, found.others) if one is not None]
     lowest_first = np.sort(np.hstack(computed))
-    odd = [f"suspect: the model {turbine.name} is {text}" for text in implausible_frequencies(turbine, lowest_first)]
+    odd = [f"suspect: the model {turbine.name} is {text}" for text in model_doubts(turbine, lowest_first)]
     lacking = lacking_notes(channels_of_model(model, turbine), campaigns)
     return replace(found, notes=(*odd, *far, *lacking, *found.notes))
 

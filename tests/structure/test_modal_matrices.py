@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import structures
 from scipy import sparse
 
+import probupdate
 from probupdate.errors import InputError
 from probupdate.io.files import archive_arrays
 from probupdate.model.parameters import Parameter, Parameters
@@ -459,3 +461,18 @@ def test_a_matrix_without_parameter_says_how_to_hold_it(folder):
     (folder / "parameters.toml").write_text(TABLE.replace('name = "k"', 'name = "m2"'))
     with pytest.raises(InputError, match="update = false holds it"):
         load_model(save(folder, M_m2=chain()["M_m"] + np.diag([1.0, 0, 0, 0, 0, 0])))
+
+
+def test_a_drawn_jacket_with_y_upwards_is_asked_about_and_the_remedy_holds(tmp_path):
+    structures.draw("matrices jacket", 6, designed=True).write(tmp_path)
+    upright = dict(np.load(tmp_path / "model.npz"))
+    lying = upright | {"node_position_m": upright["node_position_m"][:, [1, 2, 0]],
+                       "dof_direction": np.array([2, 0, 1, 5, 3, 4])[upright["dof_direction"]]}
+    mended = lying | {"node_position_m": lying["node_position_m"][:, [2, 0, 1]],
+                      "dof_direction": np.array([1, 2, 0, 4, 5, 3])[lying["dof_direction"]]}
+    asked = {}
+    for name, arrays in (("upright", upright), ("lying", lying), ("mended", mended)):
+        np.savez(tmp_path / "model.npz", **arrays)
+        found = probupdate.modes(tmp_path / "model.npz", count=4)
+        asked[name] = (found.labels[:2], any("is y upwards" in note for note in found.notes))
+    assert asked["upright"] == asked["mended"] == (("X1", "Y1"), False) and asked["lying"][1]
