@@ -72,8 +72,7 @@ def add_commands(verb: AddCommand) -> None:
 
     p = verb("template", run_template, "a model to fill in, that runs as it is: a turbine on a monopile or a jacket, a "
              "tower on land, matrices")
-    p.add_argument("kind", metavar="KIND", choices=("monopile", "jacket", "tower", "matrices"),
-                   help="monopile, jacket, tower (on land) or matrices")
+    p.add_argument("kind", metavar="KIND", help="monopile, jacket, tower (on land) or matrices")
     p.add_argument("out", metavar="OUT", help="folder for model.toml (model.npz and parameters.toml of matrices) and "
                    "campaign/campaign.toml, or a file's name for the model alone; nothing is written over")
 

@@ -66,9 +66,11 @@ def test_the_virtual_turbine_says_that_it_stands_on_jackets(tmp_path, capsys):
     assert error.count("\n") == 1 and "built on jackets alone" in error and "or measured records" in error
 
 
-def test_an_unknown_kind_is_named(tmp_path):
-    with pytest.raises(probupdate.errors.InputError, match="choose from monopile, jacket, tower, matrices"):
-        probupdate.template("tripod", tmp_path / "run")
+def test_an_unknown_kind_is_shown_the_forms_that_describe_it(tmp_path, capsys):
+    assert main(["template", "tripod", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert "choose from monopile, jacket, tower, matrices" in error and "SubDyn files" in error
+    assert "'probupdate matrices'" in error and not (tmp_path / "run").exists()
 
 
 def records(folder, truth, n_block):
