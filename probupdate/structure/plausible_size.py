@@ -7,7 +7,7 @@ for buildings, 100 for footbridges; a bar of steel alone has 1280, a quarter of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import sparse
@@ -21,6 +21,8 @@ MOST_EXTENT_M = 3000.0
 UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
                 "and that K and M are not exchanged")
 PLACES = {1e-3: "are the nodes' places in mm? they are to be in m", 1e3: "are the nodes' places a thousandth of m?"}
+# a tower over rotor and nacelle: 0.8 to 2.4 of the reference turbines of 3.4 to 22 MW; in t they are a thousandth
+FEW, MANY = 1 / 30, 30.0
 # share of a row's stiffness below which a force is rounding
 ROUNDING = 1e-6
 # m in what places are stated in by mistake; share of them that then lie where the model has them, and that now may
@@ -82,3 +84,17 @@ def lying_words(stiffness: sparse.csc_array, position_m: np.ndarray, direction: 
     return ("held at low y, on both sides of its middle in z: is y upwards there? z is here, in the names of modes and "
             "in what sensors feel of gravity; turn the model, or in model.npz give node_position_m as (z, x, y) and 1, "
             "2, 0, 4, 5, 3 for dof_direction 0 to 5")
+
+
+def top_words(bodies: Sequence[tuple[str, float, float]], tower_kg: float, height_m: float) -> tuple[str, ...]:
+    """Sentences on bodies on a tower (name, mass in kg, greatest inertia about its centre in kg m2): one whose inertia
+    is more than a rotor's can be, as blades end above the ground and are no heavier outwards (length / sqrt 3
+    from their root); all of them together beside the tower."""
+    said = [f"{name}: {mass:g} kg with {inertia:g} kg m2 lie {(inertia / mass) ** 0.5:.3g} m from their centre, on a "
+            f"tower of {height_m:.3g} m: give kg, not t" for name, mass, inertia in bodies
+            if mass > 0 and inertia > mass * height_m**2 / 3]
+    total = sum(mass for _, mass, _ in bodies)
+    if total > 0 and not FEW < tower_kg / total < MANY:
+        said.append(f"rotor and nacelle weigh {total:g} kg on a tower of {tower_kg:.3g} kg: give kg, not t, unless the "
+                    "tower stands without them")
+    return tuple(said)

@@ -26,6 +26,7 @@ from probupdate.structure import beam as beams
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.mode_labels import dof_places
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
+from probupdate.structure.plausible_size import top_words
 from probupdate.structure.readings import STANDARD_MPS2, FeltGravity, rotation_reading
 from probupdate.structure.schema import Number, Table, Vector, suggest
 from probupdate.structure.subdyn_frame import (
@@ -189,9 +190,14 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
             raise InputError(f"{path}: rotor_nacelle", "is missing", "give mass_kg, centre_m and inertia_kgm2")
         carried = body_of(body)
     whole = mount_tower(file, entry, tower, carried, platform, str(path))
+    height = tower.top_m - tower.base_m
+    tower_kg = height * np.trapezoid(tower.mass_kgpm, tower.fraction) + tower.point_mass[:, 1].sum()
+    top = ("rotor and nacelle", carried.mass_kg, float(carried.inertia_kgm2.max()))
+    odd = top_words([top], float(tower_kg), height)
     groups = {"tower": GroupEntry(members=whole.members), "rotor_nacelle": GroupEntry(masses=(whole.mass,))}
     nacelle = description.subdyn.model_copy(update={"nacelle": (*description.subdyn.nacelle, whole.mass)})
-    return whole.file, description.model_copy(update={"group": {**description.group, **groups}, "subdyn": nacelle})
+    noted = replace(whole.file, notes=(*whole.file.notes, *(f"{path}: {words}" for words in odd)))
+    return noted, description.model_copy(update={"group": {**description.group, **groups}, "subdyn": nacelle})
 
 
 def _elastodyn_notes(file: SubDynFile, entry: TowerEntry, read: ElastoDyn, own_body: bool) -> Iterator[str]:

@@ -55,9 +55,9 @@ def template(kind: str, out: str | Path) -> Template:
     .toml (.npz of matrices) as that file alone. Raises InputError for another kind, or where a file of that name is
     there already."""
     if kind not in KINDS:
-        raise InputError("kind", f"'{kind}' is not a template", f"choose from {', '.join(KINDS)}; a tripod or any other "
-                         "structure comes as SubDyn files (docs/tutorials/openfast.md) or as matrices of a program "
-                         "('probupdate matrices', docs/howto/matrices.md)")
+        raise InputError("kind", f"'{kind}' is not a template", f"choose from {', '.join(KINDS)}; a tripod or any "
+                         "other structure comes as SubDyn files (docs/tutorials/openfast.md) or as matrices of a "
+                         "program ('probupdate matrices', docs/howto/matrices.md)")
     out = Path(out)
     name = "model.npz" if kind == "matrices" else "model.toml"
     alone = out.suffix.lower() in (".toml", ".npz")

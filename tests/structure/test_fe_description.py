@@ -4,12 +4,15 @@ import re
 
 import numpy as np
 import pytest
+from drawn import toml_text
 
+import probupdate
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model, reference_model, turbine_model
+from probupdate.structure.parameter_table import read_toml
 
 
 def put(raw, path, value):
@@ -204,3 +207,16 @@ def test_reference_models_that_are_shipped_load_and_stand():
         assert np.all((frequency[:2] > 0.29) & (frequency[:2] < 0.33)) and 1.1 < frequency[2] < 1.4
         assert np.all((frequency[3:5] > 1.3) & (frequency[3:5] < 2.1)) and frequency[5] > 2.2
         assert found.wireframe(found.parameters.initial, 1).displacement.shape == (*found.wire.node_m.shape, 1)
+
+
+@pytest.mark.parametrize("kind", ["monopile", "jacket", "tower"])
+@pytest.mark.parametrize("inertia", [1.0, 1e-3], ids=["inertia in kg m2", "in t m2"])
+def test_a_rotor_and_nacelle_in_tonnes_are_asked_about(kind, inertia, tmp_path):
+    probupdate.template(kind, tmp_path / "sound.toml")
+    raw = read_toml(tmp_path / "sound.toml")
+    for row in (*raw["rna"], *(p for p in raw["parameter"] if p["name"] == "m_h")):
+        row |= {key: row[key] / 1000 for key in ("mass_kg", "initial", "std", "lower", "upper") if key in row}
+        row |= {"inertia_kgm2": [inertia * x for x in row["inertia_kgm2"]]} if "inertia_kgm2" in row else {}
+    (tmp_path / "tonnes.toml").write_text(toml_text.text(raw), encoding="utf-8")
+    for name, said in (("sound", False), ("tonnes", True)):
+        assert said is any("kg, not t" in note for note in probupdate.modes(tmp_path / f"{name}.toml", count=2).notes)
