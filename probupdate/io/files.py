@@ -464,6 +464,9 @@ def archive_arrays(path: str | Path, problem: str, remedy: str,
         return {key: opened[key] for key in opened.files}
 
 
+# how binary files begin that may stand where text is asked for
+BINARY_HEADS = {b"\x89HDF": "HDF5 or netCDF (such as posterior.nc)", b"PK": "a ZIP archive (such as .npz or .xlsx)",
+                b"CDF": "netCDF", b"\x93NUMPY": "a NumPy array (.npy)", b"\x1f\x8b": "compressed by gzip"}
 # archives that were found good, as they were then: a block is opened a dozen times, and heads are most of its time
 _sound: set[int] = set()
 MOST_KNOWN = 100_000
@@ -535,6 +538,12 @@ def _format(path: Path, kind: str, remedy: str) -> Iterator[None]:
     except RecursionError:
         raise InputError(str(path), f"not {kind} (nested deeper than {DEEPEST} levels)", remedy) from None
     except UnicodeDecodeError:
+        with path.open("rb") as stream:
+            head = stream.read(8)
+        other = next((name for magic, name in BINARY_HEADS.items() if head.startswith(magic)), None)
+        if other is not None:
+            raise InputError(str(path), f"is {other}, where {kind} is asked for", "check the order of the files and "
+                             f"the option before it, and give the {kind} file") from None
         raise InputError(str(path), f"not {kind} (no text in UTF-8)", remedy) from None
     except ValueError as error:
         raise InputError(str(path), f"not {kind} ({error})", remedy) from None

@@ -10,7 +10,7 @@ from peer_packages import peer
 
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.io.files import read_toml
+from probupdate.io.files import read_json, read_toml
 
 DEEP = (
     "a" + ".a" * 100_000 + " = 1\n", "[" + "a." * 5000 + "a]\n", "x = {" + "a." * 90 + "a = 1}\n",
@@ -70,3 +70,14 @@ def test_an_hdf5_file_that_declares_a_century_is_named(tmp_path):
         data.attrs.update(start="2024-01-01T00:00Z", sampling_rate_hz=10.0)
     with pytest.raises(InputError, match=r"a\.h5"):
         read_campaign(tmp_path)
+
+
+@pytest.mark.parametrize(("head", "word"), [(b"\x89HDF\r\n\x1a\n", "posterior.nc"), (b"PK\x03\x04\xff", "ZIP"),
+                                            (b"\x1f\x8b\x08\xff", "gzip")])
+@pytest.mark.parametrize(("read", "kind"), [(read_json, "JSON"), (read_toml, "TOML")])
+def test_a_binary_file_in_place_of_text_is_named(head: bytes, word: str, read, kind: str, tmp_path):
+    path = tmp_path / "update.json"
+    path.write_bytes(head + bytes(range(128, 256)))
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert word in error.value.problem and kind in error.value.problem
