@@ -13,15 +13,8 @@ import pandas as pd
 
 from probupdate.campaign.last_line import last_lines
 from probupdate.campaign.logger_channels import OWN_TIME, LoggerChannel
-from probupdate.campaign.logger_files import (
-    mdf_channels,
-    miniseed_channels,
-    sac_channels,
-    tdms_channels,
-    wav_channels,
-)
 from probupdate.campaign.reading import BLANK
-from probupdate.campaign.sources import ABSCISSA, JOINED, kind_of
+from probupdate.campaign.sources import ABSCISSA, READERS, kind_of
 from probupdate.campaign.stated import UNITS, ChannelStatement, heading_rate, parse_unit, unit_in, without_unit
 from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, row_cells, table_layout
 from probupdate.campaign.uff_file import read_uff_records
@@ -87,13 +80,11 @@ def _files(raw: Path) -> list[Path]:
 
 def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
     first = paths[0]
-    if kind in ("tdms", "mdf"):
-        with (tdms_channels if kind == "tdms" else mdf_channels)(first) as (found, utc):
-            return [_logger_channel(c, found, utc) for c in found]
-    if kind in JOINED or kind == "wav":
-        found = (wav_channels(first) if kind == "wav" else miniseed_channels(paths) if kind == "miniseed" else
-                 sac_channels(paths))
-        seen = [_logger_channel(c, found, True) for c in found]
+    channels = READERS[kind].channels
+    if channels is not None:
+        with channels(paths) as (found, utc):
+            seen = [_logger_channel(c, found, utc) for c in found]
+        # a channel of a WAV file has no name but its number
         return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
     if kind == "table":
@@ -249,7 +240,7 @@ def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_FileChannel]
         lines += [f'time = "{OWN_TIME}"']
     else:
         lines += [f'start = "{BLANK}"  # the files do not state it; such as 2026-01-01T00:00:00Z, or start_pattern']
-    if kind in JOINED and len(paths) > 1:
+    if READERS[kind].joined and len(paths) > 1:
         lines += [f"join_pattern = \"{BLANK}\"  # what is the same in the names of files of one time, such as "
                   "'^(\\d+)'; or take it out"]
     if len(rates) > 1:

@@ -166,6 +166,11 @@ def _mdf_channel(path: Path, file, group: int, index: int, channel, moments: np.
 # miniSEED -----------------------------------------------------------------------------------------------------------
 
 
+def begins_miniseed(head: bytes) -> bool:
+    """Whether a file begins with a record of version 3 or 2."""
+    return head[:3] == b"MS\x03" or (head[:6].isdigit() and head[6:7] in b"DRQM" and head[7:8] in b" \0")
+
+
 def miniseed_channels(paths: Sequence[Path]) -> list[LoggerChannel]:
     """Channels by their identifiers, 'FDSN:XX_TP_00_H_N_X' and 'XX.TP.00.HNX', a segment a record; whole numbers are
     counts."""

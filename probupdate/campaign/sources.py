@@ -8,6 +8,8 @@ are refused beyond a size. Nothing in a file is executed: no pickles, no objects
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -16,9 +18,10 @@ import pandas as pd
 
 from probupdate.campaign.array_sources import read_mat, read_npy, read_npz
 from probupdate.campaign.description import Description
-from probupdate.campaign.logger_channels import join_on_one_clock
+from probupdate.campaign.logger_channels import LoggerChannel, join_on_one_clock
 from probupdate.campaign.logger_files import (
     SAC_HEAD,
+    begins_miniseed,
     mdf_channels,
     miniseed_channels,
     sac_channels,
@@ -35,24 +38,33 @@ Pieces = Iterator[tuple[np.ndarray | pd.DatetimeIndex | None, np.ndarray]]
 # what convert.toml calls the abscissa of a universal file
 ABSCISSA = "abscissa"
 TABLES = (".csv", ".txt", ".tsv", ".dat")
-KINDS = {**dict.fromkeys(TABLES, "table"), ".parquet": "parquet", ".pq": "parquet", ".mat": "mat", ".npy": "npy",
-         ".npz": "npz", ".uff": "uff", ".unv": "uff", ".tdms": "tdms", ".mf4": "mdf", ".mdf": "mdf",
-         ".mseed": "miniseed", ".miniseed": "miniseed", ".ms": "miniseed", ".sac": "sac", ".wav": "wav"}
-# of which several files, with a channel each, are read together
-JOINED = ("miniseed", "sac")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """A record format. `read` (paths, description, the campaign's rate in Hz) gives what the file says of itself
+    (FileStatements), then its pieces in order. Of a logger's format `channels` (paths) opens the channels that its
+    files state and whether their times are UTC; `joined`: several files, with a channel each, are read together.
+    `begins`: whether a file begins as one of this format, for endings that many programs use."""
+
+    endings: tuple[str, ...]
+    read: Callable[[Sequence[Path], Description, float], Iterator]
+    channels: Callable[[Sequence[Path]], AbstractContextManager[tuple[list[LoggerChannel], bool]]] | None = None
+    joined: bool = False
+    begins: Callable[[bytes], bool] | None = None
 
 
 def kind_of(path: Path) -> str:
     """What a file is, by its ending; miniSEED and SAC of archives, which end in a day or a channel, by their heads."""
-    kind = KINDS.get(path.suffix.lower())
+    ending = path.suffix.lower()
+    kind = next((kind for kind, reader in READERS.items() if ending in reader.endings), None)
     if kind is None:
         with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
             head = file.read(SAC_HEAD)
-        if head[:3] == b"MS\x03" or (head[:6].isdigit() and head[6:7] in b"DRQM" and head[7:8] in b" \0"):
-            return "miniseed"
-        if sac_order(head) is not None:
-            return "sac"
-        raise InputError(str(path), f"'{path.suffix}' is no known kind of file", f"use {', '.join(KINDS)}")
+        kind = next((kind for kind, reader in READERS.items() if reader.begins and reader.begins(head)), None)
+    if kind is None:
+        known = ", ".join(ending for reader in READERS.values() for ending in reader.endings)
+        raise InputError(str(path), f"'{path.suffix}' is no known kind of file", f"use {known}")
     return kind
 
 
@@ -62,30 +74,16 @@ def open_source(
     """What one source says of itself, and its pieces in order; data in float64, factors not applied. rate_hz: the
     campaign's, to which channels of loggers are brought; joined: other files that are read together with the first.
     Raises InputError naming the file."""
-    readers: dict[str, Callable[[Path, Description], Iterator]] = {
-        "table": read_csv, "parquet": read_parquet, "mat": read_mat, "npy": read_npy, "npz": read_npz, "uff": read_uff}
     paths = [input_file(p, "leave it out of `files`") for p in (path, *joined)]
     kinds = {kind_of(p) for p in paths}
     kind = kinds.pop()
-    if len(paths) > 1 and (kinds or kind not in JOINED):
+    if len(paths) > 1 and (kinds or not READERS[kind].joined):
+        together = " and ".join(kind for kind, reader in READERS.items() if reader.joined)
         raise InputError(str(paths[0]), f"cannot be read together with {paths[1].name}",
-                         f"join_pattern is of {' and '.join(JOINED)} files, of one kind at a time: correct it "
-                         "or `files`")
-    read = (readers[kind](paths[0], description) if kind in readers else
-            _logger(kind, paths, description, rate_hz))
+                         f"join_pattern is of {together} files, of one kind at a time: correct it or `files`")
+    read = READERS[kind].read(paths, description, rate_hz)
     # each begins with its own words
     return cast(FileStatements, next(read)), read
-
-
-def _logger(kind: str, paths: Sequence[Path], d: Description, rate_hz: float) -> Iterator:
-    where = str(paths[0])
-    if kind in ("tdms", "mdf"):
-        with (tdms_channels if kind == "tdms" else mdf_channels)(paths[0]) as (found, utc):
-            yield from join_on_one_clock(found, d, rate_hz, where, utc=utc)
-        return
-    found = (wav_channels(paths[0]) if kind == "wav" else miniseed_channels(paths) if kind == "miniseed" else
-             sac_channels(paths))
-    yield from join_on_one_clock(found, d, rate_hz, where)
 
 
 def read_uff(path: Path, d: Description) -> Iterator:
@@ -113,3 +111,33 @@ def read_uff(path: Path, d: Description) -> Iterator:
     for first in range(0, len(time), PIECE):
         rows = slice(first, first + PIECE)
         yield time[rows], found.data[rows][:, columns]
+
+
+def _one_file(endings: tuple[str, ...], read: Callable[[Path, Description], Iterator]) -> Reader:
+    return Reader(endings=endings, read=lambda paths, description, rate_hz: read(paths[0], description))
+
+
+def _logger(endings: tuple[str, ...], channels, **more) -> Reader:
+    def read(paths, description, rate_hz):
+        with channels(paths) as (found, utc):
+            yield from join_on_one_clock(found, description, rate_hz, str(paths[0]), utc=utc)
+
+    return Reader(endings=endings, read=read, channels=channels, **more)
+
+
+# a format of records is a reader in a file of its own, and a line here
+READERS: dict[str, Reader] = {
+    "table": _one_file(TABLES, read_csv),
+    "parquet": _one_file((".parquet", ".pq"), read_parquet),
+    "mat": _one_file((".mat",), read_mat),
+    "npy": _one_file((".npy",), read_npy),
+    "npz": _one_file((".npz",), read_npz),
+    "uff": _one_file((".uff", ".unv"), read_uff),
+    "tdms": _logger((".tdms",), lambda paths: tdms_channels(paths[0])),
+    "mdf": _logger((".mf4", ".mdf"), lambda paths: mdf_channels(paths[0])),
+    "miniseed": _logger((".mseed", ".miniseed", ".ms"), lambda paths: nullcontext((miniseed_channels(paths), True)),
+                        joined=True, begins=begins_miniseed),
+    "sac": _logger((".sac",), lambda paths: nullcontext((sac_channels(paths), True)), joined=True,
+                   begins=lambda head: sac_order(head) is not None),
+    "wav": _logger((".wav",), lambda paths: nullcontext((wav_channels(paths[0]), True))),
+}
