@@ -16,14 +16,11 @@ from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.modal.modes import set_words
 from probupdate.updating.identifiability import (
     BLIND,
-    DRAWS,
-    GAUSSIAN,
     PARTLY,
     PRIOR,
     STRONG,
     cov_of,
     identifiability,
-    kinds_in_words,
     sampled_width,
 )
 from probupdate.updating.posterior_file import Posterior
@@ -111,7 +108,7 @@ class Comparison:
                 f"{'; '.join((r.identified, *r.flags))}"
             )
         lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
-                     "the MAP that the data determine (resolution)")
+                     "the MAP that the data determine (resolution); identifiability: by the posterior's draws")
         return "\n".join([*lines, *self.notes])
 
     def write(self, path: str | Path) -> Path:
@@ -273,7 +270,6 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
     if pinned:
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results depend on those bounds")
-    notes += kinds_in_words({r.name: r.identified for r in rows}, DRAWS)
     notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- "
               f"{r.std:.2g} {'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]
     notes += _otherwise_at_the_map(update, rows)
@@ -302,8 +298,8 @@ def _otherwise_at_the_map(update: UpdateRecord, rows: tuple[ComparisonRow, ...])
     """Where `update` says otherwise of a parameter: the same scale, of the only width that it has."""
     kinds = gaussian_kinds(update)
     other = [f"{r.name} {kinds[r.name]}" for r in rows if kinds[r.name] != r.identified]
-    return [f"{GAUSSIAN}, as `update` has it, {', '.join(other)}: it knows neither bounds nor skewness, the draws do"
-            ] if other else []
+    return [f"by the Gaussian approximation at the MAP, as `update` has it, {', '.join(other)}: it knows neither "
+            "bounds nor skewness, the draws do"] if other else []
 
 
 def _difference(update: UpdateRecord, posterior: Posterior) -> str:

@@ -7,8 +7,6 @@ differ where the posterior is skewed or cut by bounds: whoever states a kind sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from probupdate.model.parameters import Parameter, Parameters
@@ -19,7 +17,6 @@ KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps
 # of a parameter whose prior is the size that a diagnosis found by a change within the record; the model's file says so
 # in its description
 DIAGNOSED = "known from the diagnosis"
-GAUSSIAN, DRAWS = "by the Gaussian approximation at the MAP", "by the posterior's draws"
 
 
 def gaussian_width(covariance: np.ndarray, parameters: Parameters) -> np.ndarray:
@@ -55,14 +52,3 @@ def identifiability(width: float, *, at_bound: bool, unproven: bool, description
     if width <= BLIND:
         return PARTLY
     return DIAGNOSED if DIAGNOSED in description else PRIOR
-
-
-def kinds_in_words(kinds: Mapping[str, str], basis: str) -> list[str]:
-    """A line for each kind but the bound's (`kinds`: parameter -> kind), with the width that it is of: `GAUSSIAN` or
-    `DRAWS`."""
-    lines = []
-    for kind in (KNOWN, PARTLY, DIAGNOSED, PRIOR):
-        names = [name for name, of in kinds.items() if of == kind]
-        if names:
-            lines.append(f"{kind}, {basis}: {', '.join(names)}")
-    return lines

@@ -18,7 +18,7 @@ from probupdate.modal.frequency_pairs import common_factor_words
 from probupdate.model.parameters import Parameters
 from probupdate.updating import components
 from probupdate.updating.baseline import LearntError
-from probupdate.updating.identifiability import GAUSSIAN, gaussian_width, identifiability, kinds_in_words
+from probupdate.updating.identifiability import gaussian_width, identifiability
 from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
@@ -215,19 +215,12 @@ def summary(record: UpdateRecord) -> str:
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
                  f"{100 * after:.1f} % at the MAP")
-    std = np.sqrt(np.diag(record.map_covariance))
-    ends = [f"{p.name} {value:.4g} ± {s:.2g} (before {p.initial:.4g}){f' {p.unit}' if p.unit not in ('', '-') else ''}"
-            for p, value, s in zip(record.parameters, record.map_theta, std, strict=True)]
-    lines.append(f"parameters at the MAP, with one standard deviation: {', '.join(ends)}")
+    lines += _parameter_lines(record)
     if np.isfinite(record.map_gradient):
         lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
                      "deviation")
     lines.append(fit_sentence(record))
-    at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
-    if at:
-        lines.append(f"pinned at a bound at the MAP: {', '.join(at)}")
-    lines += _information(record)
-    lines += _components(record)
+    lines += _next_measurements(record)
     lines += _alphas(record)
     for name, values in record.derived.items():
         lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
@@ -241,23 +234,34 @@ def summary(record: UpdateRecord) -> str:
                f"{nearest:.2f} lower in ln p than the best")
         lines.append(f"the search also ended at {found} of the posterior, the nearest {how}")
     if record.sets is not None:
-        std = np.std(record.sets.theta_map, axis=0, ddof=1)
-        each = ", ".join(f"{p.name} {s:.2g} {p.unit}".rstrip() for p, s in zip(record.parameters, std, strict=True))
-        lines.append(f"standard deviation over {len(record.sets.ids)} sets, each updated by itself: {each}")
         lines += [f"no update: {text}" for text in record.sets.failed]
     return "\n".join(lines)
 
 
-def _information(record: UpdateRecord) -> list[str]:
-    """How much the data say of each parameter, by the Gaussian approximation at the MAP.
+def _parameter_lines(record: UpdateRecord) -> list[str]:
+    """A table with a row a parameter at the MAP, by the Gaussian approximation there, and what its columns are.
 
     For independent Gaussian parameters width^2 = 1 - resolution. Where it is more, another parameter can do the same.
     """
-    width = gaussian_width(record.map_covariance, record.parameters)
-    rows = [f"{p.name} {r:.2f} / {w:.2f}"
-            for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]
-    lines = [f"resolution by the data / standard deviation over the prior's, at the MAP: {', '.join(rows)}"]
-    return lines + kinds_in_words(gaussian_kinds(record), GAUSSIAN)
+    std, width = np.sqrt(np.diag(record.map_covariance)), gaussian_width(record.map_covariance, record.parameters)
+    kinds, sources = gaussian_kinds(record), _variance_sources(record)
+    over_sets = None if record.sets is None else np.std(record.sets.theta_map, axis=0, ddof=1)
+    rows = [("", "before", "at the MAP", "+-", "prior +-", "width", "R", "sets +-")]
+    rows += [(p.name if p.unit in ("", "-") else f"{p.name} [{p.unit}]", f"{p.initial:.4g}",
+              f"{record.map_theta[k]:.4g}", f"{std[k]:.2g}", f"{p.std:.2g}", f"{width[k]:.2f}",
+              f"{record.map_resolution[k]:.2f}", "" if over_sets is None else f"{over_sets[k]:.2g}")
+             for k, p in enumerate(record.parameters)]
+    last = len(rows[0]) - (over_sets is None)
+    wide = [max(len(row[k]) for row in rows) for k in range(last)]
+    behind = ["identifiability" + ("" if record.components is None else "; variance from"),
+              *(f"{kinds[p.name]}{sources[k]}" for k, p in enumerate(record.parameters))]
+    lines = [f"{row[0]:<{wide[0]}}  {'  '.join(f'{row[k]:>{wide[k]}}' for k in range(1, last))}  {text}"
+             for row, text in zip(rows, behind, strict=True)]
+    words = ("+-: one standard deviation, by the Gaussian approximation at the MAP; width: that over the prior's; R: "
+             "share of the MAP that the data determine (resolution)")
+    if over_sets is not None:
+        words += f"; sets: over {len(record.sets.ids)} sets, each updated by itself"
+    return [*lines, words]
 
 
 def gaussian_kinds(record: UpdateRecord) -> dict[str, str]:
@@ -380,17 +384,21 @@ def conspicuous_frequencies(record: UpdateRecord) -> str:
                                  if not any(name.endswith(f" {text.split(' is ')[0]}") for text in listed))])
 
 
-def _components(record: UpdateRecord) -> list[str]:
-    """Which part of every parameter's variance comes from where, and what to measure next."""
+def _variance_sources(record: UpdateRecord) -> list[str]:
+    """Per parameter which parts its variance comes from, the largest first, none below a tenth."""
     parts = record.components
     if parts is None:
-        return []
+        return [""] * len(record.parameters)
     share = parts.std**2 / np.sum(parts.std**2, axis=0)
-    rows = []
-    for k, p in enumerate(record.parameters):
-        order = [j for j in np.argsort(-share[:, k]) if share[j, k] >= 0.1][:3]
-        rows.append(f"{p.name}: {', '.join(f'{parts.names[j]} {100 * share[j, k]:.0f} %' for j in order)}")
-    lines = [f"variance of the estimates at the MAP from: {'; '.join(rows)}"]
+    named = [[f"{parts.names[j]} {100 * share[j, k]:.0f} %" for j in np.argsort(-share[:, k])[:3] if share[j, k] >= 0.1]
+             for k in range(len(record.parameters))]
+    return [f"; {', '.join(names)}" for names in named]
+
+
+def _next_measurements(record: UpdateRecord) -> list[str]:
+    parts, lines = record.components, []
+    if parts is None:
+        return []
     for what, gain in list(zip(parts.measures, parts.gain, strict=True))[:3]:
         best = [k for k in np.argsort(-gain)[:3] if gain[k] >= 0.02]
         gains = ", ".join(f"{record.parameters.names[k]} -{100 * gain[k]:.0f} %" for k in best)
