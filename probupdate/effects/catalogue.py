@@ -32,6 +32,8 @@ GAIN_RANGE = (-0.98, 20.0)
 CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
 # clocks and filters are looked for up to this, half a period of the highest mode where that is longer
 LATE_MS = 200.0
+# the difference by which a late signal's slope is taken: ms, and of the highest mode's periods at most
+LATER_MS, LATER_PERIODS = 0.1, 2.5e-4
 
 # Prior odds, beside one member of the structure that has changed. Judgement, no statistics: steel warms in every
 # record; one clock serves a whole logger, is checked when it is installed and steps with a new firmware only; of the
@@ -303,8 +305,7 @@ def measurement_effects(
     effects = [*_gains_and_polarities(channels, row), *_swaps(channels, placed, row)]
     if not placed:
         return tuple(effects)
-    return (*effects, *_rotations(placed, row), *_logger_faults(placed, row, max(LATE_MS, 500.0 / highest_hz)),
-            _sampling_rate())
+    return (*effects, *_rotations(placed, row), *_logger_faults(placed, row, highest_hz), _sampling_rate())
 
 
 def _gains_and_polarities(channels: Sequence[str], row: Mapping[str, int]) -> list[Effect]:
@@ -360,7 +361,9 @@ def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]
     return effects
 
 
-def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int], late_ms: float) -> list[Effect]:
+def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int], highest_hz: float) -> list[Effect]:
+    late_ms = max(LATE_MS, 500.0 / highest_hz)
+    later_ms = min(LATER_MS, 1e3 * LATER_PERIODS / highest_hz) if np.isfinite(highest_hz) else LATER_MS
     effects = []
     for name, rows in sensor_groups(placed, row):
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
@@ -368,7 +371,7 @@ def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int], late_ms: fl
             effects.append(Effect(
                 kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance,
                 prior_scale=0.1 * late_ms, lower=-late_ms if cause == "clock offset" else 0.0, upper=late_ms,
-                observe=law, step_of_size=0.1,
+                observe=law, step_of_size=later_ms,
                 signature="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
             ))

@@ -114,13 +114,29 @@ def test_blocks_of_a_mended_record_are_no_strays(validation):
     row.equal(int(np.sum(np.any(seen.directions.weight < 0.5, axis=1))), 0, "blocks")
 
 
-@pytest.mark.parametrize(("highest_hz", "late_ms"), [(2.5, 200.0), (40.0, 200.0), (0.1, 5000.0)])
-def test_clocks_and_filters_are_looked_for_up_to_half_a_period(highest_hz, late_ms):
-    """A bridge whose modes take ten seconds has loggers that are seconds late: *unexplained* with an end of 200 ms."""
+def late_rows(highest_hz):
+    """Rows of the catalogue by cause, the last place of each."""
     sensors = [Sensor(channel=f"{place}-{axis}", level=place, position_m=(0.0, 0.0, z), direction=direction)
                for place, z in (("A", 0.0), ("B", 40.0))
                for axis, direction in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)))]
-    found = {e.cause: e for e in measurement_effects([s.channel for s in sensors], sensors, highest_hz)}
+    return {e.cause: e for e in measurement_effects([s.channel for s in sensors], sensors, highest_hz)}
+
+
+@pytest.mark.parametrize("highest_hz", [0.1, 2.5, 40.0, 2e4])
+@pytest.mark.parametrize("cause", ["clock offset", "low-pass filter"])
+def test_what_is_late_turns_phases_in_proportion_at_any_frequency(cause, highest_hz):
+    """The slope was taken over 0.1 ms, at 20 kHz two periods: a late clock of 3 microseconds was *unexplained*."""
+    row, shape = late_rows(highest_hz)[cause], np.ones((4, 1), complex)
+    before, after = (row.observe(shape, highest_hz, sign * row.step_of_size)[0] for sign in (-1, 1))
+    slope = ((after - before) / (2 * row.step_of_size))[2:, 0]
+    turn = 2e-3j * np.pi * highest_hz
+    np.testing.assert_allclose(slope, turn if cause == "clock offset" else -turn, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("highest_hz", "late_ms"), [(2.5, 200.0), (40.0, 200.0), (0.1, 5000.0)])
+def test_clocks_and_filters_are_looked_for_up_to_half_a_period(highest_hz, late_ms):
+    """A bridge whose modes take ten seconds has loggers that are seconds late: *unexplained* with an end of 200 ms."""
+    found = late_rows(highest_hz)
     clock, low_pass = found["clock offset"], found["low-pass filter"]
     assert (clock.lower, clock.upper, low_pass.lower, low_pass.upper) == (-late_ms, late_ms, 0.0, late_ms)
     assert clock.prior_scale == low_pass.prior_scale == 0.1 * late_ms
