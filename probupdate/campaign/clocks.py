@@ -40,8 +40,8 @@ MOTION_STD_S = {True: 0.0005, False: 0.003}
 class Delays:
     """delay_s (n_channel,) how late each channel is against the median of those it can be compared with, NaN where
     none; std_s (n_channel,) what coherence and similarity of motion leave open, infinite where a channel moves with
-    compared ones and its phase against them is no clock's; group (n_channel,) number of the set of
-    channels that are compared with one another, -1 for none."""
+    compared ones, more than there are such as itself, and its phase against them is no clock's; group (n_channel,)
+    number of the set of channels that are compared with one another, -1 for none."""
 
     delay_s: np.ndarray
     std_s: np.ndarray
@@ -80,7 +80,11 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
         delay[members] = answer - np.median(answer)
         std[members] = np.sqrt(np.diag(inverse))
         group[members] = number
-    std[[i for i, j in bent if group[i] < 0 <= group[j]]] = np.inf
+    # whose phase is no clock's show the channels that agree: two of four are as likely sound, and move by close modes
+    beside = {i: {int(group[j]) for k, j in bent if k == i and group[j] >= 0} for i, _ in bent if group[i] < 0}
+    for i, groups in beside.items():
+        if np.isin(group, list(groups)).sum() > sum(bool(groups & others) for others in beside.values()):
+            std[i] = np.inf
     return Delays(delay_s=frozen_array(delay), std_s=frozen_array(std), group=frozen_array(group, int))
 
 

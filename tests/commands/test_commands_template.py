@@ -174,3 +174,12 @@ def test_a_diagnosis_of_a_tower_on_land_has_a_turbine_s_catalogue(tmp_path, caps
     diagnosis = json.loads((tmp_path / "diagnosis.json").read_text())
     assert [(f["cause"], f["location"]) for f in diagnosis["findings"]] == [("sensor gain", "T60-y")]
     assert "RNA inertia" in {row["cause"] for row in diagnosis["detectable_sizes"]}
+
+
+def test_close_modes_of_a_sound_tower_make_no_clock_suspect(tmp_path, capsys):
+    """Torsion and second bending 8 % apart, pushed by the same forces: phases between levels that are no clock's."""
+    run = tmp_path / "run"
+    probupdate.template("tower", run)
+    records(run, {}, 4)
+    assert main(["check", str(run / "campaign")]) == 0
+    assert "suspect" not in capsys.readouterr().out
