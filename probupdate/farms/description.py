@@ -249,6 +249,8 @@ def _excluded_folders(path: Path, turbine: TurbineTable) -> Iterator[tuple[str, 
 def _folder_error(folder: Path) -> str:
     close = difflib.get_close_matches(CAMPAIGN, [p.name for p in folder.iterdir() if p.name != CAMPAIGN], n=1,
                                       cutoff=0.7)
+    if (folder / CAMPAIGN).exists():
+        return "its campaign.toml is no file"
     there = [p.name for p in folder.iterdir() if p.name.casefold() == CAMPAIGN] or close
     return f"has no campaign.toml; rename {there[0]} if that is it" if there else "has no campaign.toml"
 

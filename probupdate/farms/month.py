@@ -16,7 +16,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.farms.description import STEPS, Farm, Month, Options
 from probupdate.farms.records import changed_records, keep, read_kept, record_table
-from probupdate.identification.block_store import forget_changed
+from probupdate.identification.block_store import OtherBlocks, forget_changed
 from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.files import read_json_table, write_json, write_text
 from probupdate.io.outputs import companion_files
@@ -27,17 +27,18 @@ from probupdate.updating.settings import SamplerSettings
 
 if TYPE_CHECKING:
     from probupdate.diagnosis.prepare import Prepared
+    from probupdate.identification.identify import Identification
     from probupdate.modal.modes import Sensor
 
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1
 # step -> what of `month_sources` it depends on beside what `identify` does; step -> the steps whose results it takes
 DEPENDS = {
-    "identify": ("records", "campaign", "model", "version", "options of identify"),
-    "select": ("scada", "options of select"),
+    "identify": ("records", "campaign", "scada", "model", "version", "options of identify"),
+    "select": ("options of select",),
     "update": ("options of update", "selected"),
     "sample": ("options of update", "options of sample", "selected", "seed"),
-    "compare": (), "diagnose": ("scada", "options of diagnose", "seed"), "report": ("scada",),
+    "compare": (), "diagnose": ("options of diagnose", "seed"), "report": (),
 }
 FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "identify": (), "select": ("identify",), "update": ("identify", "select"), "sample": ("identify", "select"),
@@ -165,9 +166,8 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
 def _make_way(
     month: Month, store: Path, farm: Farm, before: Mapping[str, str], now: Mapping[str, str], changed: set[str]
 ) -> None:
-    """Of the poles kept, those of other records; all where the channels, the settings or the rotor's speed were others.
-    """
-    whole = {"campaign", "options of identify"} | ({"scada"} if farm.options.identify.harmonics == "remove" else set())
+    """Of the poles kept, those of other records; all where the campaign or the rotor's speed were others."""
+    whole = {"campaign"} | ({"scada"} if farm.options.identify.harmonics == "remove" else set())
     if any(before.get(name) != now[name] for name in whole):
         shutil.rmtree(store, ignore_errors=True)
     elif store.is_dir():
@@ -212,8 +212,17 @@ def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked = options.identify
     settings = IdentificationSettings(
         order=asked.order, block_rows=asked.block_rows, rate_hz=asked.rate_hz, harmonics=asked.harmonics)
-    verbs.identify(month.campaign, month.model, lowest=asked.lowest, settings=settings,
-                   store=folder / STORE).write(folder / "modes.json")
+
+    def identified() -> Identification:
+        return verbs.identify(month.campaign, month.model, lowest=asked.lowest, settings=settings, store=folder / STORE)
+
+    try:
+        found = identified()
+    except OtherBlocks:
+        # of other options, or of records for which other settings were proposed
+        shutil.rmtree(folder / STORE)
+        found = identified()
+    found.write(folder / "modes.json")
 
 
 def _select(month: Month, folder: Path, options: Options, seed: int) -> None:

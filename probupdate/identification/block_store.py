@@ -54,6 +54,10 @@ SECOND_MIN = 1 / 60
 ANEW = "give another --out, or delete that folder to start again"
 
 
+class OtherBlocks(InputError):
+    """A folder holds blocks of other channels or settings."""
+
+
 def store_head(campaign: Campaign, settings: BlockSettings) -> dict:
     """What must be equal for stored blocks to be taken: the channels, the clock and the settings of identification."""
     return {
@@ -520,7 +524,7 @@ def _refuse_other(folder: Path, found: dict, head: dict) -> None:
     differ += [f"{key} {there.get(key)} there, {here[key]} here" for key in here if there.get(key) != here[key]]
     differ += _channel_difference_text(found.get("channels") or [], head["channels"])
     if differ:
-        raise InputError(str(folder), f"holds blocks of another identification: {'; '.join(differ)}", ANEW)
+        raise OtherBlocks(str(folder), f"holds blocks of another identification: {'; '.join(differ)}", ANEW)
 
 
 def _channel_difference_text(there: list, here: list) -> list[str]:
