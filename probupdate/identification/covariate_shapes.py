@@ -25,6 +25,8 @@ N_PLACES = 1000
 # a bend, a saturation or a step has so large a share of the blocks on each side, and eight at least
 LEAST_SHARE, LEAST_ROWS = 0.05, 8
 DAY_H = 24.0
+# the lunar tide's is that of half a day as the moon has it (M2)
+PERIODS_H = {"day": DAY_H, "tide": 12.4206}
 # a covariate is followed in one way and bends in one, which may be of what is followed
 FOLLOWED, BENT = "follows", "bends"
 WAYS = {"lag": FOLLOWED, "hysteresis": FOLLOWED, "bend": BENT, "saturation": BENT}
@@ -32,9 +34,9 @@ WAYS = {"lag": FOLLOWED, "hysteresis": FOLLOWED, "bend": BENT, "saturation": BEN
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shape:
-    """kind: 'lag', 'bend', 'saturation', 'hysteresis', 'harmonic', 'day', 'drift' or 'step', of `covariate` ('' of the
-    last three). constant with constant_std: hours of the lag or of the step, or in the covariate's unit; NaN where
-    there is none. ln_odds: of the model with it over that without. names of its columns."""
+    """kind: 'lag', 'bend', 'saturation', 'hysteresis', 'harmonic', 'day', 'tide', 'drift' or 'step', of `covariate`
+    ('' of the last four). constant with constant_std: hours of the lag or of the step, or in the covariate's unit; NaN
+    where there is none. ln_odds: of the model with it over that without. names of its columns."""
 
     kind: str
     covariate: str
@@ -258,10 +260,11 @@ def _candidates(covariates: Mapping[str, np.ndarray], time_h: np.ndarray, so_far
         if inner[-1] > inner[0]:
             found += _hinges(name, z, np.linspace(inner[0], inner[-1], N_COARSE))
         found += _followers(name, x, time_h, so_far.bends.get(name, (lambda z: z[:, None], (name,))))
-    if span > 2 * DAY_H and step < DAY_H / 4:
-        turn = 2 * np.pi * time_h / DAY_H
-        found.append(_Candidate("day", "", none, lambda _: np.column_stack([np.cos(turn), np.sin(turn)]),
-                                lambda _: ("cos of the day", "sin of the day"), adds=True))
+    for kind, hours in PERIODS_H.items():
+        if span > 2 * hours and step < hours / 4:
+            turn = 2 * np.pi * time_h / hours
+            found.append(_Candidate(kind, "", none, lambda _, t=turn: np.column_stack([np.cos(t), np.sin(t)]),
+                                    lambda _, k=kind: (f"cos of the {k}", f"sin of the {k}"), adds=True))
     found.append(_Candidate("drift", "", none, lambda _: time_h[:, None] / DAY_H, lambda _: ("days",), adds=True))
     # between each two blocks, as a few on the wrong side of it hide a step
     places = 0.5 * (time_h[least:-least] + time_h[least - 1 : -least - 1])

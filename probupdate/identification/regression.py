@@ -173,6 +173,7 @@ def _shape_words(shape: Shape) -> str:
         "hysteresis": f"follows {shape.covariate} with hysteresis of width {size} {odds}",
         "harmonic": f"follows {shape.covariate} twice a turn {odds}",
         "day": f"has a daily period that no covariate explains {odds}",
+        "tide": f"has a period of about half a day, as of the tide, that no covariate explains {odds}",
         "drift": f"drifts steadily, which no covariate explains {odds}",
         "step": f"steps {size} h after the first block {odds}",
     }[shape.kind]

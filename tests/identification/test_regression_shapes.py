@@ -158,6 +158,13 @@ def test_a_saturation_and_a_daily_period_are_found():
     assert "day" in [s.kind for s in fit.shapes] or "lag" in [s.kind for s in fit.shapes]
 
 
+def test_a_tide_that_nobody_recorded_is_a_period():
+    fit = drawn(lambda t, air, _: -1e-3 * air + 3e-3 * np.sin(2 * np.pi * t / 12.42 + 1), 4, n=300)
+    assert [s.kind for s in fit.shapes] == ["tide"] and any("as of the tide" in note for note in fit.notes)
+    value, std = slope(fit, "air")
+    assert abs(value + 1e-3) < 3 * std
+
+
 @pytest.mark.parametrize("turns", [1, 2])
 def test_angles_go_round(turns):
     fit = drawn(lambda t, air, heading: 3e-3 * np.cos(turns * np.radians(heading - 40)), 3)
