@@ -177,7 +177,7 @@ class Girth(Table):
 
 
 class Lognormal(Table):
-    median: Annotated[Real, bounded_number(100.0, "a factor near 1", above=0)]
+    median: Annotated[Real, bounded_number(10.0, "a factor near 1, not per cent", least=0.1)]
     cov: Annotated[Real, bounded_number(3.0, SHARE, least=0)]
 
 

@@ -54,6 +54,7 @@ SITE = {"water_density_kgpm3": 1025.0, "gravity_mps2": 9.81, "mudline_m": -50.0,
     ({"wind": {**CONDITIONS["wind"], "air_density_kgpm3": 1.225e-3}}, "of air about 1.2"),
     ({"wind": {**CONDITIONS["wind"], "rotor_diameter_m": 0.09}}, "length in metres"),
     ({"life": {**CONDITIONS["life"], "reference_cycles": 7.0}}, "such as 1e7"),
+    ({"uncertainty": {**CONDITIONS["uncertainty"], "x_load": {"median": 95.0, "cov": 0.1}}}, "near 1, not per cent"),
 ])
 def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, words):
     (tmp_path / "fatigue.toml").write_text(_toml(changed(**tables)))
