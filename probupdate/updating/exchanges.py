@@ -22,11 +22,10 @@ Exchange = tuple[tuple[str, str], ...]
 
 
 def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
-    """Exchanges of parameters with the same prior that leave all responses as they are, at theta (n_param,): of two
-    parameters, or of two pairs at once, as of substructures that are built alike."""
+    """Exchanges of parameters with the same prior, correlation included, that leave all responses as they are, at theta
+    (n_param,): of two parameters, or of two pairs at once, as of substructures that are built alike."""
     parameters = problem.parameters
-    if parameters.correlation is not None:
-        return []
+    correlation = np.eye(len(parameters)) if parameters.correlation is None else parameters.correlation
     # no two parameters at one value, at a bound neither
     step = 0.1 * parameters.std * np.arange(1, len(theta) + 1) / len(theta)
     at = np.maximum(np.where(theta + step > parameters.upper, theta - step, theta + step), parameters.lower)
@@ -35,13 +34,15 @@ def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
              if replace(items[i], name=names[j], description=items[j].description) == items[j]]
 
     def unchanged(exchanges: list[tuple[tuple[int, int], ...]]) -> list[tuple[tuple[int, int], ...]]:
+        order = np.tile(np.arange(len(at)), (len(exchanges), 1))
+        for row, exchange in zip(order, exchanges, strict=True):
+            for i, j in exchange:
+                row[[i, j]] = j, i
+        alike = [np.allclose(correlation[np.ix_(row, row)], correlation) for row in order]
+        exchanges, order = [one for one, same in zip(exchanges, alike, strict=True) if same], order[np.array(alike, bool)]
         if not exchanges:
             return []
-        swapped = np.tile(at, (len(exchanges), 1))
-        for row, exchange in zip(swapped, exchanges, strict=True):
-            for i, j in exchange:
-                row[[i, j]] = at[[j, i]]
-        off = problem.whiten(problem.predict_many(swapped).response - problem.predict(at))
+        off = problem.whiten(problem.predict_many(at[order]).response - problem.predict(at))
         return [one for one, apart in zip(exchanges, off, strict=True) if np.all(np.abs(apart) < SWAPPED)]
 
     single = unchanged([(pair,) for pair in pairs])

@@ -131,6 +131,11 @@ def test_parameters_that_may_be_exchanged_are_found_and_counted():
     found = exchangeable(problem, problem.parameters.initial)
     assert {frozenset(pair) for (pair,) in found} == {frozenset(p) for p in combinations(["k0", "k1", "k2", "k3"], 2)}
     assert len(orders(found, problem.parameters.names)) == 24
+    # so are parameters whose priors are correlated alike, in groups, and not of others
+    two = np.kron(np.eye(3), [[0.0, 0.5], [0.5, 0.0]])[:5, :5] + np.eye(5)
+    both = replace(problem.model, parameters=Parameters((*ALIKE, other), two))
+    found = exchangeable(replace(problem, model=both), problem.parameters.initial)
+    assert len(orders(found, problem.parameters.names)) == 8
     # another prior is another parameter
     less = oscillators((*ALIKE[:3], replace(ALIKE[3], std=0.2), other))
     assert len(orders(exchangeable(less, less.parameters.initial), less.parameters.names)) == 6
