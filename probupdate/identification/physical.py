@@ -325,10 +325,12 @@ def physical_modes(
               for one, twin in doubles]
     if not groups:
         raise _no_modes_error(where, n_block)
-    notes += [f"{np.exp(one.ln_frequency):.3f} Hz has a damping of {100 * one.damping:.2g} %, as no structure has: a "
-              "machine's line, perhaps folded from above half the sampling rate; look at it as a mode with care"
-              for one in sorted((group[0] for group in groups), key=lambda x: x.ln_frequency)
-              if one.damping < OF_A_LINE]
+    for hz, damping in sorted((np.exp(group[0].ln_frequency), group[0].damping) for group in groups):
+        # what lasts longer than a block has a damping of chance, on either side of none
+        if damping < max(OF_A_LINE, 1 / (2 * np.pi * hz * block_seconds)):
+            notes.append(f"{hz:.3f} Hz has a damping of {100 * damping:.2g} %, as no structure has or as blocks of "
+                         f"{block_seconds:.4g} s do not tell from none: perhaps a machine's line, also one folded from "
+                         "above half the sampling rate; look at it as a mode with care")
     return _build_modes(candidates, groups, angle, sensors, tuple(notes))
 
 
