@@ -8,7 +8,7 @@ pieces are counted one by one, and so are half hours. Common to both are the dra
 spot's factors.
 
     pip install rainflow
-    python studies/lifetime/time_domain.py OUT [--cases 40] [--minutes 25]
+    python studies/lifetime/time_domain.py OUT [--cases 40] [--first SEED] [--minutes 25]
 
 Finished cases are kept in OUT; the same command continues.
 """
@@ -404,11 +404,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--minutes", type=float, default=25.0)
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     until, rows = time.monotonic() + 60 * a.minutes, []
-    for seed in range(a.cases):
+    for seed in range(a.first, a.first + a.cases):
         file = a.out / f"case_{seed:02d}.json"
         if not file.exists():
             if time.monotonic() > until:
