@@ -38,8 +38,8 @@ def exchangeable(problem: Problem, theta: np.ndarray) -> list[Exchange]:
         for row, exchange in zip(order, exchanges, strict=True):
             for i, j in exchange:
                 row[[i, j]] = j, i
-        alike = [np.allclose(correlation[np.ix_(row, row)], correlation) for row in order]
-        exchanges, order = [one for one, same in zip(exchanges, alike, strict=True) if same], order[np.array(alike, bool)]
+        alike = [k for k, row in enumerate(order) if np.allclose(correlation[np.ix_(row, row)], correlation)]
+        exchanges, order = [exchanges[k] for k in alike], order[alike]
         if not exchanges:
             return []
         off = problem.whiten(problem.predict_many(at[order]).response - problem.predict(at))
