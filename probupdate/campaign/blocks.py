@@ -29,6 +29,9 @@ PART = "part of a recording"
 # samples beyond it, in SI units, count as lost
 COUNTED_AS_LOST = "counted as lost"
 LARGEST_SI = 1e9
+# of two files with samples of the same time
+OVERLAP = "files overlap: the one that starts first, or of one start the first by its name, is used"
+CONTRADICTION = f"{OVERLAP}, and the other says something else there: which is right?"
 # room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
 CHUNK_CACHE_BYTES = 32 * 2**20
 
@@ -223,7 +226,9 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             free = ~covered[rows]
             data[rows][free] = piece[free]
             if not free.all():
-                notes.append(f"{int((~free).sum())} samples were in two files; the file that starts first was used")
+                # one sample of two files may have one place by rounding
+                same = (~free).sum() == 1 or np.array_equal(data[rows][~free], piece[~free], equal_nan=True)
+                notes.append(OVERLAP if same else CONTRADICTION)
             covered[rows] = True
     if np.any(campaign.unit_factor != 1):
         data *= campaign.unit_factor

@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import LEAST_MEASURED, PART, Block, block_files, block_starts, read_block
+from probupdate.campaign.blocks import (
+    CONTRADICTION,
+    LEAST_MEASURED,
+    OVERLAP,
+    PART,
+    Block,
+    block_files,
+    block_starts,
+    read_block,
+)
 from probupdate.campaign.clocks import Delays, delays, drifts, far_delays, put_in_time
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
@@ -116,13 +125,12 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     stride = -(-len(files) // MOST_COMPARED)
     n_compared = max(-(-len(files) // stride), 1)
     pieces = -(-FEWEST_PIECES // n_compared)
-    tables, heads, overlaps, compared, lines, sways, amplitudes, timed = [], [], 0, [], [], [], [], []
+    tables, heads, compared, lines, sways, amplitudes, timed = [], [], [], [], [], [], []
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
         conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
         state = str(conditions["state"])
-        overlaps += any("two files" in n for n in block.notes)
         refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
         rows = channel_table(block, campaign.channels)
         if number % -(-len(files) // MOST_SPECTRA) == 0 and (found := amplitude_spectrum(block)) is not None:
@@ -144,7 +152,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         heads.append({"id": block.id, "state": state, "excluded": block.excluded, "notes": "; ".join(block.notes)})
     progress("checking blocks", len(files), len(files))
     table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
-    findings, able, measured = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines), sways)
+    findings, able, measured = _findings(campaign, table, head, compared, rate_ratio(lines), sways)
     vibration = table.groupby("channel")["vibration"].median().to_dict()
     findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings),
                 *time_findings(timed, campaign.scada))
@@ -273,7 +281,7 @@ def suspected_time(campaign: Campaign) -> list[str]:
 
 
 def _findings(
-    campaign, table, head, overlaps, compared, ratio, sways: list[Sway]
+    campaign, table, head, compared, ratio, sways: list[Sway]
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[SensorFinding, ...]]:
     """What is wrong, what the comparisons can show, and the findings that have a size."""
     ends = head["id"][head["excluded"].str.startswith(PART)]
@@ -290,7 +298,7 @@ def _findings(
     measured, able = sensor_findings(campaign, compared, sways, single)
     measured = [f for f in measured if f.channel not in away]
     findings = (
-        *_coverage(campaign, head, overlaps), *single, *(f.message for f in measured), *clocks, *rates,
+        *_coverage(campaign, head), *single, *(f.message for f in measured), *clocks, *rates,
         *scale_findings(table, states, campaign.sensors, single), *_scada_findings(campaign),
     )
     measured += [SensorFinding(name="sampling rate", channel=", ".join(campaign.channels), size=1 / ratio.ratio,
@@ -298,7 +306,7 @@ def _findings(
     return findings, tuple(u for u in (clock_use, rate_use, *able) if u is not None), tuple(measured)
 
 
-def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str]:
+def _coverage(campaign: Campaign, head: pd.DataFrame) -> list[str]:
     found = []
     starts = block_starts(campaign)
     span = round((starts[-1] - starts[0]) / pd.Timedelta(minutes=campaign.block_minutes)) + 1
@@ -313,8 +321,9 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
                      f"{', '.join(head['id'][gone][:6])}" + (" and more" if gone.sum() > 6 else ""))
     if part.any() and not advice:
         found.append(f"{plural(int(part.sum()), 'block')} at the ends of recordings, shorter than the others, not used")
-    if overlaps:
-        found.append(f"files overlap in {plural(overlaps, 'block')}; the file that starts first is used")
+    for text in (OVERLAP, CONTRADICTION):
+        has = head["id"][[text in notes.split("; ") for notes in head["notes"]]]
+        found += [f"in {len(has)} of {len(head)} blocks, first {has.iloc[0]}, {text}"] if len(has) else []
     return found
 
 

@@ -113,8 +113,17 @@ def read_scada(
     kept, contradicted = (_merge_equal_times(table) if again.any() else (table, 0))
     kept.attrs["path"] = str(path)
     kept.attrs["contradicted"] = contradicted
-    kept.attrs["notes"] = (*found.notes, f"{path.name}: {cut}") if cut else found.notes
+    kept.attrs["notes"] = (*found.notes, *([f"{path.name}: {cut}"] if cut else []), *_middle_stamps(kept.index))
     return kept
+
+
+def _middle_stamps(times: pd.DatetimeIndex) -> list[str]:
+    """A sentence where rows of ten minutes begin five minutes past the tens: what a logger stamps in the middle."""
+    past = (times - times.floor(f"{ROW_MINUTES}min")) / pd.Timedelta(minutes=ROW_MINUTES)
+    if len(times) < 2 or not (past == 0.5).all():
+        return []
+    return [f"suspect: all times in SCADA are {ROW_MINUTES / 2:g} min past the tens: are they the middles of the ten "
+            f"minutes? If so, state [scada] shift_minutes = {-ROW_MINUTES / 2:g} in campaign.toml"]
 
 
 def _numbers(where: str, column: pd.Series) -> pd.Series:

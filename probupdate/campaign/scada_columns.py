@@ -163,14 +163,33 @@ def _check_frozen_wind(table: pd.DataFrame) -> list[str]:
 
 def _check_frozen_rotor(table: pd.DataFrame, rated: float | None) -> list[str]:
     """A rotor that turns at the same speed, to its last digit, for so long, while the turbine both gives a fifth of its
-    power and none. Most turbines are held at one speed at much of their power, some at all of it; none stands so."""
+    power and none, or at a power at which it turned otherwise in the other rows, which agree. Most turbines are held at
+    one speed at much of their power, some at all of it; none stands so."""
     power, rotor = _column(table, "power_kw"), _column(table, "rotor_speed_rpm")
     gone = np.zeros(len(rotor), bool)
     for rows in _frozen_runs(table, "rotor_speed_rpm", ("power_kw", "wind_speed_mps")):
         gives, none = power[rows] > 0.2 * _full_power(power, rated), power[rows] <= 0
-        if rotor[rows][0] > TURNS and min(gives.sum(), none.sum()) >= FEW:
+        if rotor[rows][0] > TURNS and (min(gives.sum(), none.sum()) >= FEW or _turns_otherwise(power, rotor, rows)):
             gone |= rotor == rotor[rows][0]
-    return _without_frozen(table, "rotor_speed_rpm", gone, "the turbine gives power and stands, as of a stuck sensor")
+    return _without_frozen(table, "rotor_speed_rpm", gone, "the turbine gives power and stands, or turned otherwise at "
+                           "that power, as of a stuck sensor")
+
+
+def _turns_otherwise(power: np.ndarray, rotor: np.ndarray, rows: slice) -> bool:
+    """Whether the one speed of these rows is not that of the others nearest in power, as many of less as of more."""
+    known = np.isfinite(power) & np.isfinite(rotor)
+    mine = power[rows][known[rows]]
+    known[rows] = False
+    others = np.flatnonzero(known)
+    if len(others) < 2 * FEW:
+        return False
+    order = others[np.argsort(power[others], kind="stable")]
+    mine = mine[(mine > power[order[0]]) & (mine < power[order[-1]])]
+    at = np.clip(np.searchsorted(power[order], mine), FEW, len(order) - FEW)
+    near = rotor[order][at[:, None] + np.arange(-FEW, FEW)]
+    unlike = (near.min(axis=1) > rotor[rows][0]) | (near.max(axis=1) < rotor[rows][0])
+    # one of seven alike is the least or greatest in two rows of seven
+    return bool(unlike.sum() >= max(FEW, len(mine) / 2))
 
 
 def _frozen_runs(table: pd.DataFrame, name: str, beside: tuple[str, ...]) -> list[slice]:

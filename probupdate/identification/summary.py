@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import COUNTED_AS_LOST, PART
+from probupdate.campaign.blocks import CONTRADICTION, COUNTED_AS_LOST, PART
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule
 from probupdate.identification.block_poles import BRIDGED, STAY, TAKEN_OUT, BlockPoles, common_quantity
@@ -42,7 +42,7 @@ def summarise(
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     lines += _scada_notes(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)
-    lines += _count_notes(found, (SAID, BRIDGED))
+    lines += _count_notes(found, (SAID, BRIDGED, CONTRADICTION))
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{plural(lined, 'pole')} at multiples of the rotor's speed: counted as its lines")

@@ -16,8 +16,8 @@ from scipy import sparse
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
 # lowest frequency, Hz, where the extent is not known
 LEAST_HZ, MOST_HZ = 0.02, 1000.0
-# longer than structures are between their joints
-MOST_EXTENT_M = 3000.0
+# longer than structures are between their joints, higher than any (the tallest building has 828 m)
+MOST_EXTENT_M, MOST_RISE_M = 3000.0, 1000.0
 UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
                 "and that K and M are not exchanged")
 PLACES = {1e-3: "are the nodes' places in mm? they are to be in m", 1e3: "are the nodes' places a thousandth of m?"}
@@ -48,9 +48,11 @@ def implausible_size(lowest_hz: float, extent_m: float = 0.0) -> str:
     return f"implausible: the lowest frequency is {lowest_hz:.3g} Hz; {usual}: {likely[0] if likely else UNITS_ADVICE}"
 
 
-def implausible_extent(extent_m: float) -> str:
-    """Words where a greatest extent is none of a structure, '' where it may be."""
-    return "" if extent_m <= MOST_EXTENT_M else f"an extent of {extent_m:.3g} m is more than structures have"
+def implausible_extent(extent_m: float, rise_m: float = 0.0) -> str:
+    """Words where a greatest extent, or one upwards, is none of a structure, '' where it may be."""
+    if extent_m > MOST_EXTENT_M:
+        return f"an extent of {extent_m:.3g} m is more than structures have"
+    return f"a height of {rise_m:.4g} m is more than structures have" if rise_m > MOST_RISE_M else ""
 
 
 def other_unit_words(distance_m: Callable[[float], np.ndarray], near_m: float) -> str:

@@ -287,8 +287,11 @@ def reference_at(
 
 def implausible_places(sensors: Sequence[Sensor]) -> tuple[str, ...]:
     """A sentence where sensors' places lie farther apart than structures are long."""
-    said = implausible_extent(float(np.ptp([s.position_m for s in sensors], axis=0).max()))
-    return (f"suspect: {said}, and position_m in campaign.toml states it: in mm? state metres",) if said else ()
+    extent = np.ptp([s.position_m for s in sensors], axis=0)
+    said = implausible_extent(float(extent.max()), float(extent[2]))
+    top = max(sensors, key=lambda s: float(np.abs(s.position_m).max())).channel
+    return (f"suspect: {said}, and position_m in campaign.toml states it, as of {top}: in mm? state metres",
+            ) if said else ()
 
 
 def _distance_statements(model: AffineModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from probupdate.campaign.blocks import block_starts, blocks
+from probupdate.campaign.blocks import CONTRADICTION, OVERLAP, block_starts, blocks
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 
@@ -76,10 +76,11 @@ def test_cutting_and_naming_the_files_changes_nothing(tmp_path_factory, write_fi
     assert np.concatenate([b.data[:, 0] for b in found]) == pytest.approx(np.arange(18000))
 
 
-def test_where_files_overlap_the_first_holds_and_it_is_said(campaign_folder, signal):
-    (block,) = read(campaign_folder([(0, signal(4000)), (300, signal(3000) + 1e6)]))
-    assert block.data[3999, 0] == 3999 and block.data[4000, 0] == 1e6 + 1000
-    assert block.notes == ("1000 samples were in two files; the file that starts first was used",)
+@pytest.mark.parametrize(("more", "note"), [(0.0, OVERLAP), (1e6, CONTRADICTION)])
+def test_where_files_overlap_the_first_holds_and_it_is_said(campaign_folder, signal, more, note):
+    (block,) = read(campaign_folder([(0, signal(4000)), (300, signal(3000, 3000) + more)]))
+    assert block.data[3999, 0] == 3999 and block.data[4000, 0] == more + 4000
+    assert block.notes == (note,)
 
 
 def test_a_gap_stays_open_however_short_and_is_said(campaign_folder, signal):

@@ -10,7 +10,7 @@ import probupdate
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check, suspected_time
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.scada import StateRule, read_scada, row_states
+from probupdate.campaign.scada import StatedScada, StateRule, read_scada, row_states
 from probupdate.campaign.scada_time import record_rows, time_findings
 from probupdate.errors import InputError
 
@@ -382,6 +382,25 @@ def test_a_rotor_that_turns_alike_while_the_turbine_stands_is_missing(tmp_path):
     assert not read(tmp_path, table.assign(rotor_speed_rpm=np.where(turns, 12.0, 0.0))).attrs["notes"]
     found = read(tmp_path, table.assign(rotor_speed_rpm=12.0))
     assert found["rotor_speed_rpm"].isna().all() and "stuck" in found.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("stuck", [10.03, 6.4, 13.0])
+def test_a_rotor_stuck_while_the_turbine_runs_is_missing(tmp_path, stuck):
+    """Of a turbine whose speed follows the cube root of its power, and is held at its rated one."""
+    table = winds(4, 6)
+    power = table["power_kw"] / table["power_kw"].max()
+    table["rotor_speed_rpm"] = (12.1 * np.clip(1.08 * np.cbrt(power), 0.55, 1.0)).round(1)
+    assert not read(tmp_path, table).attrs["notes"]
+    table.loc[30:65, "rotor_speed_rpm"] = stuck
+    found = read(tmp_path, table)
+    assert found["rotor_speed_rpm"].iloc[30:66].isna().all() and "stuck sensor" in found.attrs["notes"][0]
+
+
+@pytest.mark.parametrize("minutes", [5, 0, 3, 10])
+def test_stamps_in_the_middle_of_ten_minutes_are_said(tmp_path, minutes):
+    moved = scada(time=(INDEX + pd.Timedelta(minutes=minutes)).strftime("%Y-%m-%dT%H:%M:%SZ"))
+    assert any("shift_minutes = -5 " in n for n in read(tmp_path, moved).attrs["notes"]) == (minutes == 5)
+    assert not read(tmp_path, moved, stated=StatedScada(shift_minutes=-5.0 if minutes == 5 else 0.0)).attrs["notes"]
 
 
 @pytest.mark.parametrize(("cut", "words"), [(2, "cut off"), (6, "cut off"), (1, "")])
