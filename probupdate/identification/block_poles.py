@@ -172,17 +172,17 @@ def identify_factors(
     before, now = ({p.order: p for p in some} for some in (known.every_order, found.by_order))
     again = [[(n, _find_same_pole(before[n], k, now[n], block.id)) for n, k in some] for some in alike]
     poles = averages(found, again)
-    whole = isinstance(record, WholeRecord)
+    whole = None if isinstance(record, DecayRecord) else record.whole
     by_likelihood = np.zeros(len(keys), bool)
-    if whole:
+    if whole is not None:
         thinned = settings.target_rate_hz < block.sampling_rate_hz * (1 - 1e-9)
         poles, by_likelihood = refine_modes(
-            record.data, record.target_hz, poles, quantity=common_quantity(campaign.sensors),
-            highest_hz=(PASS_SHARE if thinned else 1.0) * record.target_hz / 2,
+            whole.data, whole.target_hz, poles, quantity=common_quantity(campaign.sensors),
+            highest_hz=(PASS_SHARE if thinned else 1.0) * whole.target_hz / 2,
             fixed=np.array([k < 0 for _, k in keys]))
     return BlockFactors(key=keys, poles=poles, by_likelihood=by_likelihood, kurtosis=frozen_array(amplitude_kurtosis(
-        record.data, record.target_hz, poles.frequency_hz, poles.damping_ratio, poles.shape)
-        if whole else np.full(len(keys), np.nan)))
+        whole.data, whole.target_hz, poles.frequency_hz, poles.damping_ratio, poles.shape)
+        if whole is not None else np.full(len(keys), np.nan)))
 
 
 def _find_same_pole(before: Poles, index: int, now: Poles, where: str) -> int:

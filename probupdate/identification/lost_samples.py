@@ -20,7 +20,7 @@ from scipy import fft
 
 from probupdate.campaign.gaps import fill_short_gaps, zero_filled
 from probupdate.errors import InputError
-from probupdate.identification.preprocessing import covariance_weights, resample
+from probupdate.identification.preprocessing import PASS_SHARE, covariance_weights, resample
 from probupdate.identification.record import IdentifiedRecord, identify_covariances, identify_record
 from probupdate.identification.ssi import LaggedProducts, output_covariances, reference_projection
 from probupdate.runtime.arrays import frozen_array
@@ -29,6 +29,8 @@ from probupdate.runtime.arrays import frozen_array
 LEAST_PAIRS = 0.05
 # numbers of lagged products in memory at a time
 LARGEST_PRODUCTS = 2**25
+# what is lost may add so much of a channel's lowest spectral density, for its record to count as whole
+LEAST_NOISE = 0.1
 # segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
 SPECTRUM_SAMPLES = 512
 # singular values that are kept of its matrix: of more than a few modes at one frequency nothing is seen
@@ -50,13 +52,21 @@ class WholeRecord:
         """`record.identify_record` of it."""
         return identify_record(self.data, self.target_hz, limited=limited, sub_records=sub_records, **settings)
 
-    def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies (n_line,) in Hz and the sum over channels of the power spectral densities, in SI units squared
-        per Hz; Welch's mean over half-overlapping Hann windows."""
+    @property
+    def whole(self) -> WholeRecord:
+        """Itself: its spectra are what was measured."""
+        return self
+
+    def channel_spectra(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (n_line,) in Hz and power spectral densities (n_line, n_channel) in SI units squared per Hz;
+        Welch's mean over half-overlapping Hann windows."""
         from scipy import signal
 
-        line, density = signal.welch(
-            self.data, fs=self.target_hz, nperseg=min(SPECTRUM_SAMPLES, len(self.data)), axis=0)
+        return signal.welch(self.data, fs=self.target_hz, nperseg=min(SPECTRUM_SAMPLES, len(self.data)), axis=0)
+
+    def summed_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `channel_spectra`, summed over the channels."""
+        line, density = self.channel_spectra()
         return frozen_array(line), frozen_array(density.sum(axis=1))
 
     def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -94,6 +104,16 @@ class LossyRecord:
     def singular_spectrum(self) -> tuple[np.ndarray, np.ndarray]:
         """As of a whole record, with what is lost as noise."""
         return self._filled_samples.singular_spectrum()
+
+    @property
+    def whole(self) -> WholeRecord | None:
+        """As a whole record, with what is lost as noise, where that is far below what else the channels have at any
+        frequency; None where it is not."""
+        lost = np.mean(~np.isfinite(self.data), axis=0)
+        line, density = self._filled_samples.channel_spectra()
+        least = density[(line > 0) & (line < PASS_SHARE * self.target_hz / 2)].min(axis=0, initial=np.inf)
+        noise = 2 * lost / (1 - lost) * np.nanvar(self.data, axis=0) / self.rate_hz
+        return self._filled_samples if np.all(noise <= LEAST_NOISE * least) else None
 
     @cached_property
     def _filled_samples(self) -> WholeRecord:
