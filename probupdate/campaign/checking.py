@@ -21,6 +21,7 @@ from probupdate.campaign.blocks import (
     read_block,
 )
 from probupdate.campaign.clocks import Delays, delays, drifts, far_delays, put_in_time
+from probupdate.campaign.far_clocks import far_clock
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
     ComparedBlock,
@@ -293,7 +294,7 @@ def _findings(
     rates, rate_use = rate_findings(campaign, ratio)
     # what is late by seconds has no gain against the others, and may have nothing in common with them
     away = runaway_clocks(compared, campaign.channels)
-    single += mounting_findings(compared, single, away)
+    single += mounting_findings(compared, single, away, lambda channel: far_clock(campaign, channel))
     single += phase_findings(compared, campaign.channels, single, away)
     measured, able = sensor_findings(campaign, compared, sways, single)
     measured = [f for f in measured if f.channel not in away]

@@ -54,7 +54,7 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
     kept = np.ones(len(frequency), bool)
     for low, high in () if avoid_hz is None else avoid_hz:
         kept &= (frequency < low) | (frequency > high)
-    pairs = [(i, j) for i in range(n) for j in range(i) if _are_comparable(sensors[i], sensors[j])]
+    pairs = [(i, j) for i in range(n) for j in range(i) if are_comparable(sensors[i], sensors[j])]
     matrix, value, weight, bent = [], [], [], []
     for i, j in pairs:
         found = _pair_delay(spectra, i, j, kept)
@@ -102,7 +102,7 @@ def drifts(
         return found
     unit = np.exp(1j * np.angle(lines))
     for i in np.flatnonzero(wanted):
-        partners = [j for j in np.flatnonzero(~wanted) if _are_comparable(sensors[i], sensors[j])]
+        partners = [j for j in np.flatnonzero(~wanted) if are_comparable(sensors[i], sensors[j])]
         each = [_pair_drift(unit[:, :, i] * unit[:, :, j].conj(), frequency[kept], length / 2 / rate_hz)
                 for j in partners]
         each = [r for r in each if r is not None]
@@ -140,7 +140,7 @@ def far_delays(data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], want
     unit = lines / np.maximum(np.abs(lines), 1e-300)
     lag = np.append(np.arange(n // 2), np.arange(-n // 2, 0))
     for i in np.flatnonzero(wanted):
-        partners = [j for j in np.flatnonzero(~wanted) if _are_comparable(sensors[i], sensors[j])]
+        partners = [j for j in np.flatnonzero(~wanted) if are_comparable(sensors[i], sensors[j])]
         each = []
         for j in partners:
             size = np.abs(fft.irfft(unit[:, i] * unit[:, j].conj(), 2 * n))[lag]
@@ -169,7 +169,7 @@ def put_in_time(data: np.ndarray, rate_hz: float, delay_s: np.ndarray, drift: np
     return moved
 
 
-def _are_comparable(a: Sensor, b: Sensor) -> bool:
+def are_comparable(a: Sensor, b: Sensor) -> bool:
     return abs(float(a.direction @ b.direction)) > ALONG
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -181,10 +181,11 @@ def _compare_neighbours(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[
 
 
 def mounting_findings(
-    compared: Sequence[ComparedBlock], mentioned: Sequence[str], away: Collection[str] = ()
+    compared: Sequence[ComparedBlock], mentioned: Sequence[str], away: Collection[str] = (),
+    cause: Callable[[str], str] = lambda channel: "",
 ) -> list[str]:
     """Suspicions that return; `mentioned` sentences are not said again, and channels whose clocks ran `away` from the
-    others' are not dead for that."""
+    others' are not dead for that. cause: words, if any, on why a channel has nothing in common with the others."""
     seen: dict[tuple, list[tuple[int, Suspicion]]] = {}
     for number, block in enumerate(compared):
         for one in block.suspicions:
@@ -201,6 +202,9 @@ def mounting_findings(
         if kind == mounting.DEAD and set(channels) & set(away):
             continue
         named |= set(channels)
+        if kind == mounting.DEAD and (why := cause(channels[0])):
+            found.append(f"suspect: {channels[0]} has nothing in common with any other channel, yet {why}")
+            continue
         sentence = _sentence(kind, channels, [s for _, s in cases])
         if kind == mounting.SCALED and any(m.startswith(f"suspect: {channels[0]} moves") for m in mentioned):
             continue
