@@ -37,13 +37,14 @@ LEAST_BLOCK, LARGEST = 20, 720
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
     """target_rate_hz, order, block_rows for `BlockSettings`; peaks_hz, ascending, that they were estimated from;
-    above_hz: peaks that such a rate does not hold; lines_hz: steady lines, which set nothing; sentence: the same in
-    words."""
+    usual_hz: those that more than half of the blocks have; above_hz: peaks that such a rate does not hold; lines_hz:
+    steady lines, which set nothing; sentence: the same in words."""
 
     target_rate_hz: float
     order: int
     block_rows: int
     peaks_hz: tuple[float, ...]
+    usual_hz: tuple[float, ...] = ()
     above_hz: tuple[float, ...] = ()
     lines_hz: tuple[float, ...] = ()
 
@@ -109,8 +110,9 @@ def propose(
     samples = int(min(c.block_minutes for c in campaigns) * 60 * rate)
     rows = block_rows or max(min(rows, largest, samples // LEAST_BLOCK), 2)
     order = min(order, 2 * (fewest * (rows - 1) // 2))
+    usual = [f for f in inside if 2 * np.sum(np.abs(np.log(np.array(peaks)[:, 0] / f)) < SAME_PEAK) > looked]
     return Proposal(target_rate_hz=float(rate), order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
-                    above_hz=tuple(map(float, above)), lines_hz=tuple(map(float, lines)))
+                    usual_hz=tuple(map(float, usual)), above_hz=tuple(map(float, above)), lines_hz=tuple(map(float, lines)))
 
 
 def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[tuple[float, float]]:

@@ -193,7 +193,7 @@ def ssi_settings(
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz}
         stated_words = " and ".join(words for name, words in SETTING_WORDS.items() if name in given)
         said.append(found.sentence + (f"; {stated_words} as stated" if given else ""))
-        peaks = found.peaks_hz
+        peaks = found.usual_hz
         units = "" if reference is None else _unit_question(reference, found.peaks_hz[0])
         said += [f"suspect: {units}"] if units else []
     settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
@@ -214,7 +214,7 @@ def ssi_settings(
 
 
 def unexplained_peaks(peaks_hz: Sequence[float], data: ModalData) -> list[str]:
-    """A sentence where peaks of the spectrum that the settings were proposed for have no mode near them."""
+    """A sentence where peaks of most blocks' spectra that the settings were proposed for have no mode near them."""
     known = np.concatenate([s.frequency_hz[s.measured] for s in data.sets]) if data.sets else np.empty(0)
     alone = [f for f in peaks_hz if not np.any(np.abs(np.log(known / f)) < SAME_PEAK)]
     if not alone:
