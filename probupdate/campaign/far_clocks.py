@@ -82,14 +82,22 @@ def _rate_ratio(record: np.ndarray) -> float:
     """Frequencies of the first column over those of the others, by that at which a piece of it fits the others at some
     time by phase correlation; 0 where it fits at none, or at one."""
     n = min(PIECE, len(record) // LENGTHS)
+    if 2 * n < PIECE:
+        return 0.0
     others = _phases(record[: LENGTHS * n, 1:], 2 * LENGTHS * n)
     best = 2 * SIGMA, 0.0
     for tried in np.exp(np.arange(-LARGEST_RATIO, LARGEST_RATIO, STEP)):
         at = LENGTHS * n / 4 + np.arange(n) / tried
         piece = ndimage.map_coordinates(record[:, 0], [at], order=5)
         found = np.abs(fft.irfft(_phases(piece[:, None], 2 * LENGTHS * n) * others.conj(), axis=0))
-        best = max(best, (float(np.median(found.max(axis=0) / np.sqrt(np.mean(found**2, axis=0)))), float(tried)))
+        best = max(best, (_median_height(found), float(tried)))
     return best[1] if abs(best[1] - 1) > LEAST_RATIO else 0.0
+
+
+def _median_height(found: np.ndarray) -> float:
+    """Of columns (n_lag, n), their largest over their root mean square; 0 where they are zero."""
+    size = np.sqrt(np.mean(found**2, axis=0))
+    return float(np.median(found.max(axis=0) / np.where(size > 0, size, np.inf)))
 
 
 def _phases(data: np.ndarray, size: int) -> np.ndarray:

@@ -170,7 +170,7 @@ def lowest_motion_hz(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: 
 
 def _dead_channels(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
     """Channels coherent with no other at any frequency; with few segments chance alone is coherent."""
-    if len(alive) < 3 or spectra.n_segment < 20:
+    if len(alive) < 3 or spectra.n_segment < 30:
         return []
     squared = spectra.coherence(alive)
     squared[:, range(len(alive)), range(len(alive))] = 0

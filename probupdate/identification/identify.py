@@ -43,7 +43,7 @@ from probupdate.identification.physical import (
 )
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
-from probupdate.identification.steadiness import of_steady_modes
+from probupdate.identification.steadiness import of_steady_modes, of_vague_modes
 from probupdate.identification.summary import of_likelihood, summarise
 from probupdate.identification.tracking import TrackedModes
 from probupdate.io.files import write_table
@@ -306,9 +306,10 @@ def classify_blocks(
                      model_only=named.model_only)
     poles = pole_table(usable, [picked[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
-    said = (*physical.notes, *named.notes, *of_steady_modes(
-        named.names, *(np.array([getattr(p, of) for p in picked.values()])
-                       for of in ("kurtosis", "frequency_hz", "damping_ratio")), 60 * campaign.block_minutes),
+    said = (*physical.notes, *named.notes, *of_vague_modes(data, 60 * campaign.block_minutes),
+            *of_steady_modes(
+                named.names, *(np.array([getattr(p, of) for p in picked.values()])
+                               for of in ("kurtosis", "frequency_hz", "damping_ratio")), 60 * campaign.block_minutes),
             *of_likelihood(named.names, np.array([p.by_likelihood for p in picked.values()]),
                            np.array([np.isfinite(p.frequency_hz) for p in picked.values()])))
     centre = np.median(followed.centre_hz, axis=0)

@@ -112,7 +112,8 @@ def propose(
     order = min(order, 2 * (fewest * (rows - 1) // 2))
     usual = [f for f in inside if 2 * np.sum(np.abs(np.log(np.array(peaks)[:, 0] / f)) < SAME_PEAK) > looked]
     return Proposal(target_rate_hz=float(rate), order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
-                    usual_hz=tuple(map(float, usual)), above_hz=tuple(map(float, above)), lines_hz=tuple(map(float, lines)))
+                    usual_hz=tuple(map(float, usual)), above_hz=tuple(map(float, above)),
+                    lines_hz=tuple(map(float, lines)))
 
 
 def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[tuple[float, float]]:

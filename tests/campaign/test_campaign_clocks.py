@@ -104,6 +104,9 @@ def test_a_filter_of_one_channel_is_named_and_no_clock(campaign_folder, storeys,
     assert len(said) == 1 and "a filter or a mount of its own" in said[0]
 
 
+LONG = HEAD.replace("block_minutes = 10", "block_minutes = 12")
+
+
 @pytest.mark.parametrize(("late_s", "faster", "words"), [
     (900.0, 0.0, "F4 has nothing in common with any other channel, yet what happens stands 15 min 0 s later"),
     (0.0, 0.013, "what happens stands in it at 0.987 times"), (0.0, -0.03, "what happens stands in it at 1.030 times"),
@@ -111,14 +114,14 @@ def test_a_filter_of_one_channel_is_named_and_no_clock(campaign_folder, storeys,
 def test_a_clock_far_off_and_another_rate_are_named(campaign_folder, storeys, late_s, faster, words):
     record, t = storeys
     y = record(late_s + faster * t)
-    found = check(read_campaign(campaign_folder([(0, y)], head=HEAD))).findings
+    found = check(read_campaign(campaign_folder([(0, y)], head=LONG))).findings
     assert any(words in text for text in found) and not any("looks dead" in text for text in found)
 
 
 def test_a_channel_of_noise_fits_at_no_time_and_no_rate(campaign_folder, storeys):
     y = storeys[0](0.0)
     y[:, 3] = np.random.default_rng(8).standard_normal(len(y))
-    assert any("F4 looks dead" in text for text in check(read_campaign(campaign_folder([(0, y)], head=HEAD))).findings)
+    assert any("F4 looks dead" in text for text in check(read_campaign(campaign_folder([(0, y)], head=LONG))).findings)
 
 
 def test_check_ends_where_no_delay_gathers_the_few_lines_in_common(campaign_folder, storeys):

@@ -6,7 +6,8 @@ import pytest
 from scipy import signal
 
 import probupdate
-from probupdate.identification.steadiness import amplitude_kurtosis
+from probupdate.identification.steadiness import amplitude_kurtosis, of_vague_modes
+from probupdate.modal.modes import ModalData, ModalSet
 
 RATE = 5.0
 FREQUENCY, SHAPE = np.array([0.4, 1.1]), np.array([[1.0, -0.6], [0.7, 0.9], [0.3, 0.7]])
@@ -53,3 +54,12 @@ def test_a_limit_cycle_is_said_of_its_mode_alone(tmp_path, steady):
     settings = probupdate.IdentificationSettings(rate_hz=RATE, order=8, block_rows=20)
     notes = [n for n in probupdate.identify(tmp_path, settings=settings).notes if "keeps its amplitude" in n]
     assert [n[:9] for n in notes] == ["1 at 0.40"] * bool(steady)
+
+
+@pytest.mark.parametrize(("std_hz", "said"), [(0.0020, False), (0.0070, True)])
+def test_a_frequency_known_far_less_well_than_modes_are_is_said(std_hz, said):
+    """Of 1 % of damping at 2 Hz in half an hour the Cramer-Rao bound is 0.00094 Hz."""
+    modes = ModalSet(id="a", frequency_hz=np.array([2.0]), damping_ratio=np.array([0.01]), shape=np.ones((2, 1)),
+                     frequency_std_hz=np.array([std_hz]), shape_std=np.full((2, 1), np.nan))
+    found = of_vague_modes(ModalData(channels=("a", "b"), sets=(modes,), labels=("1",)), 1800.0)
+    assert [text.startswith("1 at 2 Hz") for text in found] == [True] * said
