@@ -50,7 +50,8 @@ def test_everything_that_was_put_in_is_found(campaign_folder, head, tmp_path):
     result = check(read_campaign(folder))
     text = "\n".join(result.findings)
     for words in ("a-x is flat in 2 of 4 blocks", "a-y has 2 spikes", "c-x moves", "wrong unit or scale",
-                  "no scada.csv", "blocks between the first and the last have no record", "in 2 of 4 blocks, first 2019",
+                  "no scada.csv", "blocks between the first and the last have no record",
+                  "in 2 of 4 blocks, first 2019",
                   "a-y lacks 0.8 % of its samples: modes are identified from the pairs that were measured"):
         assert words in text, words
     assert next(f for f in result.findings if "clipped" in f).startswith("b-x")
