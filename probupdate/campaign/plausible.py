@@ -18,7 +18,8 @@ STRAIGHT, LOOKED_AT, FEWEST = 1e-4, 257, 20
 # amplitude spectrum of a channel over those of its like, in the middle over all frequencies and blocks: sensors of one
 # structure keep within a factor of 2.5 (18 channels of a jacket and its tower, 5 of a frame), g and m/s2 are 9.8 apart
 MIDDLE_FACTOR = 4.0
-# and it is so over most frequencies, as a point that one mode hardly moves is moved by the others
+# and it is so over most octaves, as a point that one mode hardly moves is moved by the others, and a tower's middle
+# moves more than its ends at all frequencies from its second bending on
 MOST_FREQUENCIES, MOST_FACTOR = 0.25, 2.0
 # what acts along one axis moves the other less by up to this
 ACROSS_FACTOR, PARALLEL = 8.0, 0.7
@@ -149,6 +150,8 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
     found = {}
     left_out = {*odd, *np.flatnonzero(np.isnan(spectrum[0]))}
     middles: dict[tuple, np.ndarray] = {}
+    octave = 1 / np.arange(2.0, 2 + len(spectrum))
+    octave /= octave.sum()
     for k in range(len(sensors)):
         like = _comparable_channels(k, sensors, left_out)
         if k in left_out or not like:
@@ -161,7 +164,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
             middle = middles.setdefault(group, np.median(spectrum[:, like], axis=1))
         ratio = spectrum[:, k] - middle
         away = float(np.median(ratio))
-        if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
+        if abs(away) > np.log(MIDDLE_FACTOR) and octave @ (ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
                 1 - MOST_FREQUENCIES):
             along = _axis_peers(k, sensors, like)
             if not along and abs(away) < np.log(ACROSS_FACTOR):

@@ -176,10 +176,12 @@ def test_a_diagnosis_of_a_tower_on_land_has_a_turbine_s_catalogue(tmp_path, caps
     assert "RNA inertia" in {row["cause"] for row in diagnosis["detectable_sizes"]}
 
 
-def test_close_modes_of_a_sound_tower_make_no_clock_suspect(tmp_path, capsys):
-    """Torsion and second bending 8 % apart, pushed by the same forces: phases between levels that are no clock's."""
+@pytest.mark.parametrize("kind", ["tower", "jacket"])
+def test_a_sound_template_s_record_makes_no_channel_suspect(kind, tmp_path, capsys):
+    """Torsion and second bending 8 % apart, pushed by the same forces: phases between levels that are no clock's. The
+    jacket's tower moves five times as much in its middle as at its ends, at most frequencies."""
     run = tmp_path / "run"
-    probupdate.template("tower", run)
+    probupdate.template(kind, run)
     records(run, {}, 4)
     assert main(["check", str(run / "campaign")]) == 0
     assert "suspect" not in capsys.readouterr().out
