@@ -17,13 +17,18 @@ from probupdate.campaign.reading import BLANK
 from probupdate.campaign.sources import ABSCISSA, READERS, kind_of
 from probupdate.campaign.stated import UNITS, ChannelStatement, heading_rate, parse_unit, unit_in, without_unit
 from probupdate.campaign.table_layout import TableLayout, first_lines, is_number, row_cells, table_layout
+from probupdate.campaign.table_sources import parquet_layout
 from probupdate.campaign.uff_file import read_uff_records
 from probupdate.campaign.universal import Translation
 from probupdate.errors import InputError
 from probupdate.io.files import input_file, write_text
+from probupdate.io.result_table import plural
 
+TABLES = ("table", "parquet")
 # files of a channel each that are looked at
 MOST_FILES = 200
+# Unix times of this century by their unit
+SINCE_1970 = {unit: (9.5e8 * n, 4.2e9 * n) for unit, n in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))}
 # a date in three numbers and a time of day
 STAMP = re.compile(r"(?P<first>\d{1,4})(?P<by>[./-])\d{1,2}(?P=by)(?P<last>\d{1,4})(?P<gap>[ T]+)\d{1,2}:\d\d:\d\d"
                    r"(?:(?P<sign>[.,:])\d{1,9})?(?P<half> ?[AaPp][Mm])?")
@@ -56,7 +61,7 @@ def describe_records(raw: str | Path, out: str | Path) -> Translation:
     write_text(out, _campaign_text(raw, seen, rates))
     write_text(beside, _convert_text(kind, paths, seen, rates))
     at = f"{' and '.join(rates)} Hz" if rates else "an unknown rate"
-    note = (f"{len(seen)} channels at {at}; fill in every \"{BLANK}\": "
+    note = (f"{plural(len(seen), 'channel')} at {at}; fill in every \"{BLANK}\": "
             f"`probupdate check {out.parent}` names those that are left")
     return Translation(files=(out, beside), notes=(note,))
 
@@ -87,7 +92,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
         # a channel of a WAV file has no name but its number
         return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
-    if kind == "table":
+    if kind in TABLES:
         return _table_channels(paths, _layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
@@ -98,7 +103,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
 
 
 def _layout_of(path: Path) -> TableLayout:
-    found = table_layout(path)
+    found = parquet_layout(path) if kind_of(path) == "parquet" else table_layout(path)
     if found is None:
         raise InputError(str(path), "has no rows of numbers with a separator between them",
                          "write campaign.toml and convert.toml by hand, as docs/formats/convert.md has them")
@@ -161,10 +166,18 @@ def _time_formats(paths: Sequence[Path], found: TableLayout) -> list[str]:
 def _step_s(cells: Sequence[str], forms: Sequence[str]) -> float | None:
     """Seconds from row to row; None where the times are neither ISO 8601 nor of one of the forms."""
     time = next((t for form in ("ISO8601", *forms) if (t := _moments(cells, form)) is not None), None)
+    if unit := _unix_unit(cells[0]):
+        time = pd.to_datetime(pd.Series(cells).astype(float), unit=unit)
     if time is None:
         return None
     step = (time.iloc[-1] - time.iloc[0]).total_seconds() / max(len(time) - 1, 1)
     return step if step > 0 else None
+
+
+def _unix_unit(cell: str) -> str:
+    """The unit in which a number is a Unix time of this century, '' where in none."""
+    value = float(cell) if is_number(cell, ".") and cell else 0.0
+    return next((unit for unit, (first, last) in SINCE_1970.items() if first < value < last), "")
 
 
 def _format_line(paths: Sequence[Path], found: TableLayout) -> list[str]:
@@ -181,11 +194,16 @@ def _table_text(paths: Sequence[Path], found: TableLayout) -> list[str]:
     time = json.dumps(_time_column(found), ensure_ascii=False)
     first = found.rows[0][0 if not found.names else found.names.index(json.loads(time))]
     numeric = is_number(first, found.decimal)
-    lines = [f"time = {time}",
-             f'time_unit = "{BLANK}"  # s, ms, us, ns, day, matlab or excel; of s, start = "..." too' if numeric else
-             f'zone = "{BLANK}"  # of times that do not state theirs, such as "UTC" or "Europe/Berlin"',
-             f"separator = {json.dumps(found.separator)}", f"decimal = {json.dumps(found.decimal)}"]
-    lines[1:1] = [] if numeric else _format_line(paths, found)
+    lines = [f"time = {time}"]
+    if unit := _unix_unit(first):
+        lines += [f'time_unit = "{unit}"  # since 1970', 'zone = "UTC"']
+    elif numeric:
+        lines += [f'time_unit = "{BLANK}"  # s, ms, us, ns, day, matlab or excel; of s, start = "..." too']
+    else:
+        lines += [*_format_line(paths, found),
+                  f'zone = "{BLANK}"  # of times that do not state theirs, such as "UTC" or "Europe/Berlin"']
+    if found.separator:
+        lines += [f"separator = {json.dumps(found.separator)}", f"decimal = {json.dumps(found.decimal)}"]
     lines += [] if found.encoding == "utf-8" else [f'encoding = "{found.encoding}"']
     lines += [f"skip_rows = {found.skip_rows}"] if found.skip_rows else []
     lines += [] if found.names else ["header = false"]
@@ -232,7 +250,7 @@ def _name(s: _FileChannel) -> str:
 def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_FileChannel], rates: Sequence[str]) -> str:
     suffixes = {p.suffix for p in paths}
     lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
-    if kind == "table":
+    if kind in TABLES:
         lines += _table_text(paths, _layout_of(paths[0]))
     elif kind == "uff":
         lines += [f'time = "{ABSCISSA}"', 'time_unit = "s"', f'start = "{BLANK}"']

@@ -39,7 +39,9 @@ def parquet_head(path: Path, sensors: Sequence[Sensor]) -> tuple[str, str, int]:
             refuse_other_words(str(path), [sensor], _text(file.schema_arrow.field(sensor.channel).metadata))
         for key in HEAD_KEYS:
             if key not in found:
-                raise InputError(str(path), f"has no '{key}' in its metadata", "write it as text beside the columns")
+                raise InputError(str(path), f"has no '{key}' in its metadata",
+                                 "write it as text beside the columns, or put the file elsewhere and let `probupdate "
+                                 "convert` make records of it")
         for k in range(file.metadata.num_row_groups):
             n_row = file.metadata.row_group(k).num_rows
             if 8 * n_row * len(channels) > LARGEST_GROUP:

@@ -6,8 +6,10 @@ import csv
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +27,7 @@ from probupdate.campaign.stated import (
     unit_in,
     without_unit,
 )
-from probupdate.campaign.table_layout import MOST_LINES, SEPARATORS, TOA5, first_lines, table_layout
+from probupdate.campaign.table_layout import MOST_LINES, SEPARATORS, TOA5, TableLayout, first_lines, table_layout
 from probupdate.errors import InputError, parsing
 from probupdate.io.result_table import plural
 
@@ -40,6 +42,7 @@ RATE_LINE = re.compile(r"(?:sampl\w*[ _]*(?:rate|freq\w*)|abtast\w*|\bfs\b)[^\d\
                        re.IGNORECASE)
 # what pandas calls an index without a name in a Parquet file, and what it is called here
 NAMELESS_INDEX, INDEX = "__index_level_0__", "index"
+UNREADABLE = "cannot be read as Parquet", "write it again or remove it"
 
 
 def iterate_with_errors(items: Iterable, *said: str) -> Iterator:
@@ -194,26 +197,45 @@ def _refuse_short_rows(path: Path, d: Description, n_column: int, skipped: set[i
 
 def read_parquet(path: Path, d: Description) -> Iterator:
     """FileStatements, then pieces of a Parquet table; the index of a DataFrame is a column like any other."""
+    with _opened_parquet(path) as (file, names, units):
+        with parsing(str(path), *UNREADABLE):
+            own = _plain(file.schema_arrow.metadata)
+        yield _table_words(path, d, names, units, keyed_rate({k: _number(v) for k, v in own.items()}))
+        batches = (batch.to_pandas(ignore_metadata=True) for batch in file.iter_batches(batch_size=PIECE))
+        for frame in iterate_with_errors(batches, str(path), *UNREADABLE):
+            frame.columns = names
+            yield _from_frame(path, d, frame)
+
+
+def parquet_layout(path: Path) -> TableLayout:
+    """As that of a table of text, without separators: its first rows as text."""
+    with _opened_parquet(path) as (file, names, units):
+        batch = next(iterate_with_errors(file.iter_batches(batch_size=MOST_LINES), str(path), *UNREADABLE), None)
+        frame = pd.DataFrame() if batch is None else batch.to_pandas(ignore_metadata=True)
+    if frame.empty:
+        raise InputError(str(path), "has no rows", "leave it out")
+    cells = [[x.isoformat() if isinstance(x, pd.Timestamp) else str(x) for x in frame.iloc[:, k]]
+             for k in range(frame.shape[1])]
+    return TableLayout(separator="", decimal=".", encoding="utf-8", skip_rows=0, names=tuple(names), units_row=None,
+                       units=tuple(units), rows=tuple(zip(*cells, strict=True)))
+
+
+@contextmanager
+def _opened_parquet(path: Path) -> Iterator[tuple[Any, list[str], list[str]]]:
+    """The file, its columns' names and their units, '' where none is stated."""
     try:
         from pyarrow import parquet
     except ImportError:
         raise InputError(str(path), "Parquet needs the package pyarrow, which is not installed",
                          "pip install probupdate[parquet], or save the table as CSV") from None
-    said = str(path), "cannot be read as Parquet", "write it again or remove it"
-    with parsing(*said):
+    with parsing(str(path), *UNREADABLE):
         opened = parquet.ParquetFile(path)
     with opened as file:
-        with parsing(*said):
+        with parsing(str(path), *UNREADABLE):
             fields = list(file.schema_arrow)
-            own = _plain(file.schema_arrow.metadata)
         names = [INDEX if f.name == NAMELESS_INDEX and INDEX not in file.schema_arrow.names else f.name for f in fields]
         units = [next((v for k, v in _plain(f.metadata).items() if k in UNIT_KEYS), None) for f in fields]
-        units = [u or unit_in(n) or "" for u, n in zip(units, names, strict=True)]
-        yield _table_words(path, d, names, units, keyed_rate({k: _number(v) for k, v in own.items()}))
-        batches = (batch.to_pandas(ignore_metadata=True) for batch in file.iter_batches(batch_size=PIECE))
-        for frame in iterate_with_errors(batches, *said):
-            frame.columns = names
-            yield _from_frame(path, d, frame)
+        yield file, names, [u or unit_in(n) or "" for u, n in zip(units, names, strict=True)]
 
 
 def _plain(metadata: dict | None) -> dict[str, str]:

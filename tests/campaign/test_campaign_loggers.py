@@ -465,6 +465,27 @@ def test_a_described_table_converts_once_filled_in(job, tmp_path, kind):
     assert out.read_text().count(f'unit = "{unit}"') == 2
 
 
+@pytest.mark.parametrize(("unit", "ending"), [
+    ("ms", "parquet"), ("s", "parquet"), ("ns", "csv"), ("stamps", "parquet")])
+def test_unix_times_are_described_with_their_unit(job, tmp_path, unit, ending):
+    raw, _ = job("")
+    pytest.importorskip("pyarrow")
+    times = pd.date_range("2024-05-01T10:00:00Z", periods=600, freq="100ms")
+    count = times.as_unit("ns").asi8
+    numbers = {"stamps": times, "ns": count, "ms": count // 10**6, "s": count / 1e9}[unit]
+    table = pd.DataFrame({"time": numbers, "F1 [g]": np.sin(np.arange(600.0))})
+    table.to_parquet(raw / "a.parquet") if ending == "parquet" else table.to_csv(raw / "a.csv", index=False)
+    out = described(tmp_path, fill=[
+        ('position_m = "?"', "position_m = [0.0, 0.0, 1.0]"), ('direction = "?"', "direction = [1.0, 0.0, 0.0]"),
+        ('block_minutes = "?"', "block_minutes = 1"), ('level = "?"', 'level = "a"')])
+    beside = out.with_name("convert.toml")
+    beside.write_text(beside.read_text().replace('zone = "?"', 'zone = "UTC"'))
+    convert(raw, out.parent)
+    (start, found), = records(out.parent)
+    np.testing.assert_allclose(found[:, 0], np.sin(np.arange(600)), atol=1e-4)
+    assert pd.Timestamp(start) == times[0] and 'unit = "g"' in out.read_text()
+
+
 @pytest.mark.parametrize(("days", "shown", "written"), [
     ([14], "%d.%m.%Y %H:%M:%S,%f", "%d.%m.%Y %H:%M:%S,%f"),
     ([14], "%m/%d/%Y %I:%M:%S.%f %p", "%m/%d/%Y %I:%M:%S.%f %p"),
