@@ -333,10 +333,11 @@ def _power_unit(table: pd.DataFrame, rated: float | None) -> list[tuple[str, str
         slow = np.isfinite(rotor).any() and float(np.nanmax(rotor)) < LARGE_RPM
     at = np.flatnonzero(turning & np.isfinite(power))
     most = float(np.nanmax(power))
-    if rated is None and not slow:
-        return []
     full = rated or LARGE_KW
+    # no turbine has a hundred megawatts, whatever else is known of it
     high = most / full > MOST_SHARE if rated else most > 1e5
+    if rated is None and not slow and not high:
+        return []
     # below the share of a wind only a curtailed turbine stays in it: another unit is asked about where one fits
     strongest = RUNS_ABOVE if rated else float(np.fmax.reduce(wind[at], initial=RUNS_ABOVE))
     least = min(strongest / RATED_WIND[1], 1.0) ** 3

@@ -100,6 +100,11 @@ def test_without_rated_power_a_large_rotor_tells_megawatt(tmp_path, megawatt):
     assert "power_kw" not in found and "MW" in found.attrs["notes"][0]
 
 
+def test_watts_are_said_without_rated_power_and_rotor(tmp_path):
+    table = scada(power_kw=1e3 * scada()["power_kw"]).drop(columns="rotor_speed_rpm")
+    assert "is it in W?" in read(tmp_path, table, rated=None).attrs["notes"][0]
+
+
 def test_without_rated_power_percent_is_said_in_wind_of_more(tmp_path):
     wind = np.linspace(3, 14, N)
     table = scada(wind_speed_mps=wind, power_kw=100 * power_curve(wind, 12.0) / RATED, rotor_speed_rpm=12.0)
