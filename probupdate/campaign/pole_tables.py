@@ -151,7 +151,9 @@ def read_pole_tables(
         raw += some
     assert channels is not None, "there is a file"
     if not channels:
-        raise InputError(str(source), "names no channel: poles are followed by their shapes", "add [channels]")
+        raise InputError(str(source), "names no channel: poles are followed by their shapes",
+                         "add [channels]; frequencies alone go into a modes.json by hand, with \"channels\": [], as "
+                         "docs/formats/modes.md has it")
     _refuse_twice(source, [r.block for r in raw])
     incomplete: Counter[str] = Counter()
     blocks = [_block(r, described, incomplete) for r in raw]
