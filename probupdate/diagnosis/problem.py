@@ -18,7 +18,7 @@ from probupdate.diagnosis.small_model import SmallModel
 from probupdate.diagnosis.time_profiles import DAY_STD, TimeProfile, make_time_profiles, weather_profiles
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
-from probupdate.modal.channel_mistakes import channel_mistake
+from probupdate.modal.channel_mistakes import ComputedModes, channel_mistake
 from probupdate.modal.frequency_pairs import common_factor_words, refuse_another_unit
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
@@ -302,7 +302,8 @@ def _refuse_another_order(
     local = small.evaluate(theta)
     modes = local.solve(0.0, local.n_search)
     rows = [small.channels.index(channel) for channel in channels]
-    found = channel_mistake(most, channels, [local.shapes(modes, local.n_search)[rows]])
+    found = channel_mistake(most, channels, [ComputedModes(
+        shape=local.shapes(modes, local.n_search)[rows], frequency_hz=modes.frequency_hz[: local.n_search])])
     if found is not None and found.whole_order:
         raise InputError(f"set {most.id}", f"its modes are not this model's: {found.sentence}", found.remedy)
 

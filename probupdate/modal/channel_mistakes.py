@@ -24,8 +24,18 @@ INDEPENDENT = 0.7
 TURNS = 3
 # more candidates than so many are no explanation
 MOST_CANDIDATES = 3
+# a mode is none of the model's whose frequency is so many times its own, or so little of it: four times the stiffness
+FARTHEST = 2.0
 # every pair of so many channels is tried; of more, pairs of those whose components are farthest from the model's
 MOST_CHANNELS = 48
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComputedModes:
+    """A model's modes: shapes (n_channel, n_mode) at the measured channels, frequencies (n_mode,) in Hz."""
+
+    shape: np.ndarray
+    frequency_hz: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,17 +81,17 @@ def _mistake_text(channels: tuple[str, ...]) -> str:
 
 
 def channel_mistake(
-    modal_set: ModalSet, channels: Sequence[str], computed: Sequence[np.ndarray]
+    modal_set: ModalSet, channels: Sequence[str], computed: Sequence[ComputedModes]
 ) -> ChannelMistake | None:
-    """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. A change
+    """computed: modes of one model at one or more parameters. A change
     is named where it, or few that explain as much, is as good as certain beside channels as they should be and beside
     one that moves by something of its own, whatever the model's error (`evidence.directions`); else None."""
-    shape, clusters = _real_shapes(modal_set)
+    shape, clusters, frequency = _real_shapes(modal_set)
     if shape.shape[1] < 2 or len(channels) < 3:
         return None
     best: tuple[float, ChannelMistake] | None = None
-    for model in computed:
-        tried = _changes(shape, clusters, tuple(channels), model)
+    for modes in computed:
+        tried = _changes(shape, clusters, tuple(channels), _Comparable.of(modes, frequency))
         choice = choose_explanations([t.log for t in tried], [t.channels != () for t in tried])
         if not choice or len(choice) > MOST_CANDIDATES:
             continue
@@ -90,6 +100,19 @@ def channel_mistake(
             best = first.log, ChannelMistake(candidates=tuple(tried[k].channels for k in choice),
                                              mac_before=tried[0].mac, mac_after=first.mac)
     return best and best[1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Comparable:
+    """Shapes of a model (n_channel, n_mode), and which of them a measured mode cannot be (n, n_mode)."""
+
+    shape: np.ndarray
+    apart: np.ndarray
+
+    @classmethod
+    def of(cls, modes: ComputedModes, frequency_hz: np.ndarray) -> _Comparable:
+        ratio = np.abs(np.log(np.maximum(modes.frequency_hz, 1e-300) / frequency_hz[:, None]))
+        return cls(shape=modes.shape, apart=ratio > np.log(FARTHEST))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +126,7 @@ class _Change:
     channels: tuple[str, ...] = ()
 
 
-def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> list[_Change]:
+def _changes(shape, clusters, channels: tuple[str, ...], model: _Comparable) -> list[_Change]:
     """Every change, the first: none."""
     as_is = np.arange(len(channels))
 
@@ -123,7 +146,7 @@ def _changes(shape, clusters, channels: tuple[str, ...], model: np.ndarray) -> l
         return judge(shape, REORDERED * np.exp(-gammaln(n + 1)), names, order)
 
     # an order is found where none beside it, with two more exchanged, explains as much
-    orders, best, last = {}, ordered(_order(shape, model)), None
+    orders, best, last = {}, ordered(_order(shape, model.shape)), None
     while best.log > found[0].log and best is not last:
         last = best
         orders |= {c.channels: c for c in (best, *(ordered(_exchange_channels(best.order, i, j)) for i, j in pairs))}
@@ -146,19 +169,22 @@ def _evidence(shape, clusters, model, own: int | None = None) -> tuple[float, fl
     return float(log), float(np.mean(value))
 
 
-def shape_agreement(modal_set: ModalSet, computed: np.ndarray) -> float:
-    """Mean MAC of the set's modes, each with one of computed (n_channel, n_mode) of its own; NaN where none has three
+def shape_agreement(modal_set: ModalSet, computed: ComputedModes) -> float:
+    """Mean MAC of the set's modes, each with one of the computed ones of its own; NaN where none has three
     components."""
-    shape, clusters = _real_shapes(modal_set)
-    return float(np.mean(_best_pairing(shape, clusters, computed)[1])) if shape.shape[1] else float("nan")
+    shape, clusters, frequency = _real_shapes(modal_set)
+    if not shape.shape[1]:
+        return float("nan")
+    return float(np.mean(_best_pairing(shape, clusters, _Comparable.of(computed, frequency))[1]))
 
 
-def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
-    """How each channel (n_channel,) moves with the computed shapes (n_channel, n_mode) over all modes: the cosine of
+def signed_comac(modal_set: ModalSet, computed: ComputedModes) -> np.ndarray:
+    """How each channel (n_channel,) moves with the computed shapes over all modes: the cosine of
     its measured and its computed components, -1 of a reversed channel; its square is the coordinate MAC (Lieven &
     Ewins 1988). Each mode counts alike, a close pair is fitted within its plane. NaN where nothing moves."""
-    shape, clusters = _real_shapes(modal_set)
-    column, _ = _best_pairing(shape, clusters, computed)
+    shape, clusters, frequency = _real_shapes(modal_set)
+    column, _ = _best_pairing(shape, clusters, _Comparable.of(computed, frequency))
+    computed = computed.shape
     dot, own, other = (np.zeros(len(shape)) for _ in range(3))
     for members in clusters:
         columns = [column[j] for j in members if column[j] < computed.shape[1]]
@@ -174,13 +200,14 @@ def signed_comac(modal_set: ModalSet, computed: np.ndarray) -> np.ndarray:
     return np.divide(dot, scale, out=np.full(len(shape), np.nan), where=scale > 0)
 
 
-def _real_shapes(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]]]:
-    """Real shapes (n_channel, n) of the modes that have three components and move, and which of them are close."""
+def _real_shapes(modal_set: ModalSet) -> tuple[np.ndarray, list[list[int]], np.ndarray]:
+    """Real shapes (n_channel, n) of the modes that have three components and move, which of them are close, and their
+    frequencies (n,) in Hz."""
     shape = np.real(rotate_to_real(modal_set.shape))
     used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2
             and np.nanmax(np.abs(shape[:, j])) > 0]
     clusters = [[used.index(j) for j in c if j in used] for c in close_clusters(modal_set.frequency_hz)]
-    return shape[:, used], [c for c in clusters if c]
+    return shape[:, used], [c for c in clusters if c], np.asarray(modal_set.frequency_hz)[used]
 
 
 def _order(shape: np.ndarray, model: np.ndarray) -> np.ndarray:
@@ -208,12 +235,12 @@ def _reverse_channel(shape: np.ndarray, channel: int) -> np.ndarray:
     return changed
 
 
-def _best_pairing(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:
-    criterion = np.zeros((shape.shape[1], model.shape[1]))
+def _best_pairing(shape, clusters, model: _Comparable) -> tuple[np.ndarray, np.ndarray]:
+    criterion = np.zeros((shape.shape[1], model.shape.shape[1]))
     for members in clusters:
-        single = len(members) == 1
-        criterion[members] = mac(shape[:, members], model) if single else subspace_mac(model, shape[:, members])
-    criterion = np.nan_to_num(criterion)
+        own = shape[:, members]
+        criterion[members] = mac(own, model.shape) if len(members) == 1 else subspace_mac(model.shape, own)
+    criterion = np.where(model.apart, 0.0, np.nan_to_num(criterion))
     if criterion.shape[1] < len(criterion):
         criterion = np.hstack([criterion, np.zeros((len(criterion), len(criterion) - criterion.shape[1]))])
     column = assign(criterion)
@@ -227,8 +254,8 @@ def _channels_tried(shape, clusters, model) -> list[int]:
     column, _ = _best_pairing(shape, clusters, model)
     away = np.zeros(len(shape))
     for j, i in enumerate(column):
-        if i < model.shape[1]:
-            a, b = np.nan_to_num(shape[:, j]), model[:, i]
+        if i < model.shape.shape[1]:
+            a, b = np.nan_to_num(shape[:, j]), model.shape[:, i]
             scaled = b * (a @ b) / max(b @ b, 1e-300)
             away += (a - scaled) ** 2 / max(a @ a, 1e-300)
     return sorted(np.argsort(-away)[:MOST_CHANNELS])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
+from probupdate.modal.channel_mistakes import ChannelMistake, ComputedModes, channel_mistake
 from probupdate.modal.matching import APART, Matching, channel_rows, match, with_stated_gravity
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import ModalSolution, Model
@@ -28,7 +28,8 @@ def match_set(
     rows, solution = channel_rows(model, data.channels), solution_beyond(model, modal_set)
 
     def likely() -> ChannelMistake | None:
-        return channel_mistake(modal_set, data.channels, [solution.shape[rows]])
+        return channel_mistake(modal_set, data.channels, [
+            ComputedModes(shape=solution.shape[rows], frequency_hz=solution.frequency_hz)])
 
     try:
         matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters, planes=planes,
@@ -87,4 +88,6 @@ def suspected_channels(
         frequency = np.array(modal_set.frequency_hz)
         frequency[list(absent)] = np.nan
         modal_set = replace(modal_set, shape=shape, frequency_hz=frequency)
-    return channel_mistake(modal_set, data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
+    solved = [model.solve(t, n_mode) for t in theta]
+    return channel_mistake(modal_set, data.channels, [
+        ComputedModes(shape=one.shape[rows], frequency_hz=one.frequency_hz) for one in solved])

@@ -16,7 +16,13 @@ from probupdate.campaign.usable import LACKING
 from probupdate.errors import InputError, names_files
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.settings import IdentificationSettings
-from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake, shape_agreement, signed_comac
+from probupdate.modal.channel_mistakes import (
+    ChannelMistake,
+    ComputedModes,
+    channel_mistake,
+    shape_agreement,
+    signed_comac,
+)
 from probupdate.modal.matching import with_stated_gravity
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
@@ -90,7 +96,8 @@ def _shapes_against(
                  sensors=sensors_of([campaign]) if has_geometry(model) else None)
     opened = with_stated_gravity(at(one), data.felt)
     rows = [opened.channels.index(c) for c in data.channels]
-    shape = opened.solve(opened.parameters.initial, min(data.n_mode + SEARCH, opened.n_available)).shape[rows]
+    solved = opened.solve(opened.parameters.initial, min(data.n_mode + SEARCH, opened.n_available))
+    shape = ComputedModes(shape=solved.shape[rows], frequency_hz=solved.frequency_hz)
     agreement, n_mode = shape_agreement(one, shape), int(np.sum(one.measured))
     use = (f"shapes of {n_mode} modes in {len(joint.ids)} blocks compared with the model's: mean MAC {agreement:.2f}")
     blocks = [s for s in data.sets if s.id in joint.ids]
@@ -105,9 +112,9 @@ def _shapes_against(
                 f"against the model: {', '.join(opposite)} moves the other way than the model's modes, in "
                 f"{int(round(each[:, data.channels.index(opposite[0])].sum()))} of {len(blocks)} blocks; "
                 + _reversed_remedy(opposite[0])))
-    if 1 - agreement <= FAR_LOSS:
-        return ModelFinding(finding="", use=use)
     if likely is None:
+        if 1 - agreement <= FAR_LOSS:
+            return ModelFinding(finding="", use=use)
         return ModelFinding(use=use, finding=(
             f"shapes are not the model's (mean MAC {agreement:.2f} of {n_mode} modes), and no reversal or exchange of "
             "channels explains it: check that the model is of this structure, its sensors' places and directions, or "

@@ -91,6 +91,44 @@ def test_exchanged_channels_are_named(building, capsys):
     assert f"channels {CHANNELS[1]} and {CHANNELS[3]} exchanged would explain it" in first
 
 
+def test_exchanged_channels_that_only_turning_modes_show_are_named(tmp_path, capsys):
+    """Both edges of a deck of twelve sections: eight bending modes move them alike, the one that turns it is so few of
+    all that their mean MAC is high."""
+    n, places = 12, (2, 4, 6, 8)
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    k, m = 200.0 * linalg.block_diag(chain, 20.0 * chain), np.eye(2 * n)
+    rows = np.zeros((2 * len(places), 2 * n))
+    for i, place in enumerate(places):
+        rows[2 * i, place] = rows[2 * i + 1, place] = 1.0
+        rows[2 * i, n + place], rows[2 * i + 1, n + place] = 1.0, -1.0
+    names = [f"{place}{side}" for place in places for side in "LR"]
+    np.savez(tmp_path / "model.npz", K0=k, M0=m, channel=names, channel_row=rows, K_k=0.5 * k)
+    (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "k"\ninitial = 0.0\nstd = 0.1\n')
+    square, phi = linalg.eigh(k, m)
+    rng, size = np.random.default_rng(7), int(RATE_HZ * SECONDS * N_BLOCK)
+    data = np.zeros((size, len(names)))
+    for j in range(9):
+        system = ([1.0, 0.0, 0.0], [1.0, 0.02 * np.sqrt(square[j]), square[j]])
+        b, a, _ = signal.cont2discrete(system, 1 / RATE_HZ, method="bilinear")
+        data += np.outer(signal.lfilter(b.ravel(), a, rng.standard_normal(size)), rows @ phi[:, j])
+    data = 0.01 * (data / data.std() + 0.02 * rng.standard_normal(data.shape))
+    for exchanged in (False, True):
+        folder = tmp_path / f"camp {exchanged}"
+        (folder / "acceleration").mkdir(parents=True)
+        text = f'name = "deck"\nsampling_rate_hz = {RATE_HZ}\nblock_minutes = 10\n'
+        for name in names:
+            text += (f'[[sensor]]\nchannel = "{name}"\nlevel = "{name}"\ndirection = [0.0, 0.0, 1.0]\n'
+                     f'position_m = [{float(name[:-1])}, {1.0 if name[-1] == "L" else -1.0}, 5.0]\n'
+                     'quantity = "acceleration"\nunit = "m/s2"\n')
+        (folder / "campaign.toml").write_text(text)
+        with h5py.File(folder / "acceleration" / "one.h5", "w") as file:
+            order = [1, 0, *range(2, 8)] if exchanged else list(range(8))
+            held = file.create_dataset("data", data=data[:, order].astype(np.float32))
+            held.attrs["start"], held.attrs["sampling_rate_hz"] = "2026-06-01T00:00:00Z", RATE_HZ
+        said = against(folder, tmp_path / "model.npz", capsys)
+        assert any("channels 2L and 2R exchanged would explain it" in line for line in said) == exchanged, said
+
+
 def test_the_remedy_for_a_reversed_channel_works(building, capsys):
     """direction in campaign.toml and channel_sign of the model, as the finding says."""
     sign = np.where(np.arange(len(CHANNELS)) == 3, -1, 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain
 
-from probupdate.modal.channel_mistakes import channel_mistake
+from probupdate.modal.channel_mistakes import ComputedModes, channel_mistake
 from probupdate.modal.modes import ModalData
 
 MODEL = chain_model()
@@ -26,7 +26,9 @@ def changed(data: ModalData, i: int, j: int) -> ModalData:
 
 def found(data: ModalData, theta=MODEL.parameters.initial):
     rows = [MODEL.channels.index(c) for c in data.channels]
-    return channel_mistake(data.sets[0], data.channels, [MODEL.solve(theta, 8).shape[rows]])
+    solved = MODEL.solve(theta, 8)
+    return channel_mistake(data.sets[0], data.channels, [
+        ComputedModes(shape=solved.shape[rows], frequency_hz=solved.frequency_hz)])
 
 
 @pytest.mark.parametrize("seed", range(4))
