@@ -97,7 +97,7 @@ def convert(
             entry = None
         if entry is not None:
             if entry["key"] != key:
-                raise InputError(str(paths[0]), "or its description changed after it was converted",
+                raise InputError(str(paths[0]), "it, campaign.toml or convert.toml is no longer what was converted",
                                  f"delete what came of it ({', '.join(entry['files'][:3])} ...) and its entry in "
                                  f"{folder / RECORD}, or convert into a new folder")
             lost = [f for f in entry["files"] if not (folder / f).is_file()]

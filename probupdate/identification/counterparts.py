@@ -282,8 +282,9 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
         lines.append(f"{len(further)} modes, {_list_words(further)}, were not asked for; they are kept by number "
                      "(frequencies and MAC in the file)")
     else:
-        lines += [f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks, is the model's "
-                  f"{one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC {one.mac:.2f}); kept as mode {one.label}"
+        lines += [f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks, looks like the "
+                  f"model's {one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC {one.mac:.2f}); kept as mode "
+                  f"{one.label}"
                   for one in further]
     hidden = [f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in lacking if one.hardly_seen]
     if hidden:

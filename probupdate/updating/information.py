@@ -269,6 +269,8 @@ def summary(found: Information) -> str:
         lines.append(f"{r.name:<{width}} {r.value:>10.4g} {cov} {metric:>2} {r.slope:6.3f} {r.slope_mode:>4} "
                      f"{r.sensitivity:>2} {r.signal:7.2f} {r.contraction:6.2f} {r.bits:5.2f}  {r.role}{sampled}")
     lines += [f"{name}: {text}" for name, text in found.settings.items()]
+    lines.append("u, s: classes of the uncertainty and the sensitivity metric; slope: the largest sensitivity, and the "
+                 "mode that it is of")
     lines.append("signal: shift of the data, in their standard deviations, by one prior standard deviation; width: "
                  "posterior over prior standard deviation, all parameters unknown")
     number = len(found.directions)

@@ -165,8 +165,9 @@ def step_between_sets(data: ModalData, used: Collection[str] | None = None) -> s
     from it on: their mean describes neither state; empty where they do not. The sets are in the order of the data,
     which is that of time."""
     first, sizes = first_after_step(data, used)
-    return first and (f"frequencies step at set {first} ({sizes}): the structure changed there, and parameters "
-                      "from the mean of all sets describe neither state")
+    ids = [s.id for s in data.sets]
+    return first and (f"frequencies step between sets {ids[ids.index(first) - 1]} and {first} ({sizes}): the structure "
+                      "changed between them, and parameters from the mean of all sets describe neither state")
 
 
 def first_after_step(data: ModalData, used: Collection[str] | None = None) -> tuple[str, str]:

@@ -439,7 +439,7 @@ def test_a_second_run_keeps_what_is_done_and_refuses_what_changed(job):
     os.utime(raw / "20190603100000.npy", (1e9, 1e9))
     assert len(convert(raw, campaign).kept) == 3
     np.save(raw / "20190603110000.npy", noise(seed=99))
-    with pytest.raises(InputError, match="changed after it was converted"):
+    with pytest.raises(InputError, match="no longer what was converted"):
         convert(raw, campaign)
 
 

@@ -462,7 +462,7 @@ RECORDS |= {
         f'"{c.replace("T90-", "T90")}" = "{c}"\n' for c in PLACES)), "is not a channel of campaign.toml",
         meant("camp/convert.toml", r"'([^']*)' is not a channel")),
     "no description": (described_later, "convert.toml: no such file", by(copied_description)),
-    "a description that changed": (described_anew, "description changed after it was converted", by(forgotten)),
+    "a description that changed": (described_anew, "is no longer what was converted", by(forgotten)),
     "poles in per cent": (poles('damping_unit = "ratio"\n', 1.0), "median damping ratio", into("poles.toml")),
     "poles as shares": (poles('damping_unit = "%"\n', 0.01), "median damping ratio", into("poles.toml")),
 }

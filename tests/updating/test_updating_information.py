@@ -52,7 +52,7 @@ def test_roles_and_what_fixing_the_silent_ones_costs():
     items = [Parameter(name=n, unit="-", initial=1.0, std=s) for n, s in zip("abc", (0.5, 0.08, 0.001), strict=True)]
     found = information(linear(Parameters(tuple(items)), np.abs(SLOPE)))
     assert [r.role for r in found.rows] == [UPDATE, CARRY, LEAVE]
-    assert found.named(LEAVE) == ("c",) and 0 <= found.cost < 0.001
+    assert found.names_with(LEAVE) == ("c",) and 0 <= found.cost < 0.001
     assert [r.uncertainty for r in found.rows] == [2, 1, 0]
     assert "leave at their values: c" in found.summary and "recommended: update a" in found.summary
 
@@ -80,7 +80,7 @@ def test_a_parameter_at_zero_has_no_cov_and_says_so():
 def test_a_close_pair_is_one_group_and_the_file_is_read_back(tmp_path):
     found = information(chain_problem())
     assert all("+" in label for pair in found.pairs for label in pair.by_modes)
-    assert found.named(UPDATE)
+    assert found.names_with(UPDATE)
     assert read_information(found.write(tmp_path / "information.json")).summary == found.summary
 
 

@@ -134,7 +134,7 @@ def moved(course, seed=3):
 def test_a_step_between_sets_is_said_with_its_set(at: int):
     data = moved(np.where(np.arange(24) < at, 0.0, -0.04))
     words = step_between_sets(data)
-    assert f"step at set {data.sets[at].id} " in words and "neither state" in words
+    assert f"step between sets {data.sets[at - 1].id} and {data.sets[at].id} " in words and "neither state" in words
 
 
 def test_a_step_is_said_of_the_modes_that_are_used():
@@ -154,7 +154,7 @@ def test_a_step_does_not_hide_behind_the_scatter_that_it_made():
         replace(s, frequency_std_hz=0.02 * s.frequency_hz,
                 environment={f"own_std_hz_{x}": NOISE * f for x, f in zip("ABCDE", s.frequency_hz, strict=True)})
         for s in step.sets))
-    assert f"step at set {data.sets[5].id} " in step_between_sets(data)
+    assert f"step between sets {data.sets[4].id} and {data.sets[5].id} " in step_between_sets(data)
 
 
 def test_drift_and_daily_waves_are_no_step():
