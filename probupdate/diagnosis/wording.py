@@ -93,6 +93,12 @@ def nearest_words(content: Mapping) -> str:
             f"{'. Where a parameter scales several members, give each one of its own: one may have changed' * single}")
 
 
+def nearest_change(content: Mapping) -> str:
+    """The first of what was found where it is not enough, without its probability; "" where there is nothing."""
+    nearest = content["details"].get("nearest") or ("",)
+    return nearest[0].split(", probability ")[0]
+
+
 def size_words(finding: Mapping, content: Mapping) -> str:
     """"+12.0 +- 0.9 %"; of the model's own parameters the values before and after, "from 1.29 to 0.91 (-29 +- 3 %)"."""
     size, std, unit = finding["size"], finding.get("size_std"), finding["unit"]

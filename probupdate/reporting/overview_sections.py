@@ -279,7 +279,9 @@ def _diagnosed_words(run: Run) -> str:
         return f"Nothing beyond changes of the model's own parameters was found ({changes})" if changes else (
             "Nothing beyond tolerances was found")
     if content["verdict"] == "unexplained":
-        return f"Cause unknown{f', beside {named}' if named else ''}"
+        nearest = wording.nearest_change(content)
+        return (f"Cause unknown{f', beside {named}' if named else ''}"
+                f"{f'; nearest comes {typeset(nearest)}, which is not established' if nearest else ''}")
     start = "Several causes are possible" if content["verdict"] == "ambiguous" else (
         f"{'Faults' if several else 'Fault'} identified")
     return f"{start}: {named}"

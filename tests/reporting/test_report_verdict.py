@@ -235,6 +235,14 @@ def test_a_misfit_beside_a_fault_that_was_found_is_that_of_the_model_without_it(
     assert "`probupdate diagnose`" not in section_words(verdict_section(unknown))
 
 
+def test_what_comes_nearest_to_an_unexplained_record_stands_in_the_headline(run):
+    details = dict(run.diagnosis["details"], nearest=[
+        "parameter s2: from 1.06 to 0.744, from noon on, probability 1.00"])
+    unknown = replace(run, diagnosis=dict(run.diagnosis, verdict="unexplained", findings=[], details=details))
+    assert verdict_section(unknown).headline.startswith(
+        "Cause unknown; nearest comes parameter s2: from 1.06 to 0.744, from noon on, which is not established")
+
+
 def test_a_second_step_and_a_growing_loss_are_states_too(two_states):
     (first,) = two_states.diagnosis["findings"]
     second = dict(first, size=-0.1, since="2019-06-03T18:00Z")
