@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from probupdate.campaign.description import DAY_NUMBERS, TIME_UNITS, Description
 from probupdate.errors import InputError
+from probupdate.io.result_table import plural
 
 # rates as near are one; a quartz differs by a hundredth of it
 RATE_TOLERANCE = 1e-3
@@ -133,7 +134,8 @@ class Clock:
         if self.filled:
             said.append(f"{self.filled} missing rows filled with NaN")
         if self.cuts:
-            said.append(f"{self.cuts} gaps longer than {self.described.fill_seconds:g} s, each begins another file")
+            said.append(f"{plural(self.cuts, 'gap')} longer than {self.described.fill_seconds:g} s, each begins "
+                        "another file")
         if self.shifts:
             said.append(f"its clock and the stated rate drift by one sample {self.shifts} times; a file begins at each")
         if self.uneven > UNEVEN_SAID:

@@ -19,7 +19,7 @@ def test_gaps_become_nan_or_another_file_and_are_told(job):
     assert first[0] == START and len(first[1]) == 3000 and np.isnan(first[1][1000:1050]).all()
     assert np.array_equal(first[1][1050:3000], data[1050:3000].astype(np.float32))
     assert second[0] == time[4000] and np.array_equal(second[1], data[4000:].astype(np.float32))
-    assert "50 missing rows filled" in result.summary and "1 gaps longer than 30 s" in result.summary
+    assert "50 missing rows filled" in result.summary and "1 gap longer than 30 s" in result.summary
 
 
 def test_times_rounded_to_the_second_are_counted_between(job):
