@@ -46,8 +46,10 @@ def common(names) -> str:
 def places(sensors) -> list[list[int]]:
     """Rows of the channels at one place."""
     found: dict[tuple, list[int]] = {}
-    for k, s in enumerate(sensors):
-        found.setdefault(tuple(np.round(s["position_m"], 2)), []).append(k)
+    position = np.array([s["position_m"] for s in sensors])
+    # of structures of a millimetre as of kilometres
+    for k, at in enumerate(np.round(position / np.max(np.ptp(position, axis=0)), 4)):
+        found.setdefault(tuple(at), []).append(k)
     return list(found.values())
 
 
