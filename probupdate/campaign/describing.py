@@ -24,7 +24,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import input_file, write_text
 from probupdate.io.result_table import plural
 
-TABLES = ("table", "parquet")
+TABULAR = ("table", "parquet")
 # files of a channel each that are looked at
 MOST_FILES = 200
 # Unix times of this century by their unit
@@ -92,7 +92,7 @@ def _channels(kind: str, paths: Sequence[Path]) -> list[_FileChannel]:
         # a channel of a WAV file has no name but its number
         return [_FileChannel(column=k, stated=s.stated, rate_hz=s.rate_hz, start=s.start) if kind == "wav" else s
                 for k, s in enumerate(seen, 1)]
-    if kind in TABLES:
+    if kind in TABULAR:
         return _table_channels(paths, _layout_of(first))
     if kind == "uff":
         records = read_uff_records(first)
@@ -250,7 +250,7 @@ def _name(s: _FileChannel) -> str:
 def _convert_text(kind: str, paths: Sequence[Path], seen: Sequence[_FileChannel], rates: Sequence[str]) -> str:
     suffixes = {p.suffix for p in paths}
     lines = [f"files = {json.dumps(f'*{suffixes.pop()}' if len(suffixes) == 1 else '*')}"]
-    if kind in TABLES:
+    if kind in TABULAR:
         lines += _table_text(paths, _layout_of(paths[0]))
     elif kind == "uff":
         lines += [f'time = "{ABSCISSA}"', 'time_unit = "s"', f'start = "{BLANK}"']

@@ -24,7 +24,8 @@ INDEPENDENT = 0.7
 TURNS = 3
 # more candidates than so many are no explanation
 MOST_CANDIDATES = 3
-# a mode is none of the model's whose frequency is so many times its own, or so little of it: four times the stiffness
+# a mode is none of the model's whose frequency is so many times its own, or so little of it, beside what all are off by
+# together (a unit, a stiffness of all): four times the stiffness
 FARTHEST = 2.0
 # every pair of so many channels is tried; of more, pairs of those whose components are farthest from the model's
 MOST_CHANNELS = 48
@@ -91,7 +92,7 @@ def channel_mistake(
         return None
     best: tuple[float, ChannelMistake] | None = None
     for modes in computed:
-        tried = _changes(shape, clusters, tuple(channels), _Comparable.of(modes, frequency))
+        tried = _changes(shape, clusters, tuple(channels), _comparable(modes, frequency))
         choice = choose_explanations([t.log for t in tried], [t.channels != () for t in tried])
         if not choice or len(choice) > MOST_CANDIDATES:
             continue
@@ -104,15 +105,15 @@ def channel_mistake(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Comparable:
-    """Shapes of a model (n_channel, n_mode), and which of them a measured mode cannot be (n, n_mode)."""
+    """Shapes of a model (n_channel, n_mode), and ln of their frequencies over the measured ones (n, n_mode)."""
 
     shape: np.ndarray
-    apart: np.ndarray
+    ratio: np.ndarray
 
-    @classmethod
-    def of(cls, modes: ComputedModes, frequency_hz: np.ndarray) -> _Comparable:
-        ratio = np.abs(np.log(np.maximum(modes.frequency_hz, 1e-300) / frequency_hz[:, None]))
-        return cls(shape=modes.shape, apart=ratio > np.log(FARTHEST))
+
+def _comparable(modes: ComputedModes, frequency_hz: np.ndarray) -> _Comparable:
+    ratio = np.log(np.maximum(modes.frequency_hz, 1e-300) / frequency_hz[:, None])
+    return _Comparable(shape=modes.shape, ratio=ratio)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -175,7 +176,7 @@ def shape_agreement(modal_set: ModalSet, computed: ComputedModes) -> float:
     shape, clusters, frequency = _real_shapes(modal_set)
     if not shape.shape[1]:
         return float("nan")
-    return float(np.mean(_best_pairing(shape, clusters, _Comparable.of(computed, frequency))[1]))
+    return float(np.mean(_best_pairing(shape, clusters, _comparable(computed, frequency))[1]))
 
 
 def signed_comac(modal_set: ModalSet, computed: ComputedModes) -> np.ndarray:
@@ -183,7 +184,7 @@ def signed_comac(modal_set: ModalSet, computed: ComputedModes) -> np.ndarray:
     its measured and its computed components, -1 of a reversed channel; its square is the coordinate MAC (Lieven &
     Ewins 1988). Each mode counts alike, a close pair is fitted within its plane. NaN where nothing moves."""
     shape, clusters, frequency = _real_shapes(modal_set)
-    column, _ = _best_pairing(shape, clusters, _Comparable.of(computed, frequency))
+    column, _ = _best_pairing(shape, clusters, _comparable(computed, frequency))
     computed = computed.shape
     dot, own, other = (np.zeros(len(shape)) for _ in range(3))
     for members in clusters:
@@ -236,15 +237,19 @@ def _reverse_channel(shape: np.ndarray, channel: int) -> np.ndarray:
 
 
 def _best_pairing(shape, clusters, model: _Comparable) -> tuple[np.ndarray, np.ndarray]:
-    criterion = np.zeros((shape.shape[1], model.shape.shape[1]))
+    """Of each measured mode (n,) the column of the model's, n_mode or more where it has none, and their MAC."""
+    n, n_mode = shape.shape[1], model.shape.shape[1]
+    criterion = np.zeros((n, max(n, n_mode)))
     for members in clusters:
         own = shape[:, members]
-        criterion[members] = mac(own, model.shape) if len(members) == 1 else subspace_mac(model.shape, own)
-    criterion = np.where(model.apart, 0.0, np.nan_to_num(criterion))
-    if criterion.shape[1] < len(criterion):
-        criterion = np.hstack([criterion, np.zeros((len(criterion), len(criterion) - criterion.shape[1]))])
+        criterion[members, :n_mode] = mac(own, model.shape) if len(members) == 1 else subspace_mac(model.shape, own)
+    criterion = np.nan_to_num(criterion)
+    paired = assign(criterion)
+    own = paired < n_mode
+    together = np.median(model.ratio[own, paired[own]]) if own.any() else 0.0
+    criterion[:, :n_mode][np.abs(model.ratio - together) > np.log(FARTHEST)] = 0.0
     column = assign(criterion)
-    return column, criterion[np.arange(len(criterion)), column]
+    return column, criterion[np.arange(n), column]
 
 
 def _channels_tried(shape, clusters, model) -> list[int]:

@@ -85,6 +85,12 @@ def test_a_reversed_channel_is_named_beside_a_model_that_is_far_off(building, ca
     assert f"channel {CHANNELS[3]} with the opposite sign would explain it" in first and "would be 0.88" in first
 
 
+def test_a_model_of_three_times_the_frequencies_has_the_same_shapes(building, capsys):
+    stiffer = placed(building, "stiffer", K0=9 * matrices()["K0"])
+    said = against(campaign(building, "beside a stiffer one"), stiffer, capsys)
+    assert not any("found:" in line for line in said) and float(said[-1].split()[-1]) > 0.9, said
+
+
 def test_exchanged_channels_are_named(building, capsys):
     folder = campaign(building, "exchanged", lambda data: data[:, [0, 3, 2, 1, 4]])
     first, _ = against(folder, building / "model.npz", capsys)
