@@ -32,8 +32,9 @@ from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.subdyn_model import is_subdyn, resting_angle_deg, turns_nacelle
 
-# modes looked through for the measured ones
-N_MODE = 7
+# modes looked through for the measured ones: so many, and more where modes are measured above these, whose frequencies
+# the model may have so much too low
+N_MODE, MOST_MODES, REACH = 7, 20, 0.25
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,10 +80,11 @@ def prepare(
     groups: Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
     felt: dict[str, bool] | None = None,
+    highest_hz: float = 0.0,
     progress: Progress = silent,
 ) -> Prepared:
     """Read the model and put the whole catalogue into it. felt: what is stated of gravity in channels' readings, in
-    place of what the sensors do.
+    place of what the sensors do. highest_hz: of the modes that will be compared with it.
 
     `effects` are a user's own; what is `observe`d has a row for each channel of the record, in its order. Raises
     InputError for an effect that adds a parameter where the model is not a description of a turbine.
@@ -129,11 +131,18 @@ def prepare(
         if its.neutral == 1.0:
             # a stiffness may be lost, and what has none left moves by itself
             reach[k, 0] = its.neutral + e.lower
-    small = small_model(first, n_mode=N_MODE, effects=moved, reach=reach)
+    small = small_model(first, n_mode=modes_up_to(model, highest_hz), effects=moved, reach=reach)
     progress("preparing the model", 2, 2)
     effects = (*parameter_effects(model.parameters), *catalogue)
     return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
                     sensors=placed, description=description)
+
+
+def modes_up_to(model: AffineModel, highest_hz: float) -> int:
+    """How many of the model's modes are looked through for measured ones up to that frequency."""
+    most = min(MOST_MODES, model.n_available)
+    known = model.solve(model.parameters.initial, most).frequency_hz
+    return int(np.clip(np.count_nonzero(known <= (1 + REACH) * highest_hz), min(N_MODE, most), most))
 
 
 def _observed_effects(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:
@@ -183,7 +192,7 @@ def of_channels_tried(
 
 
 def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...], sensors: tuple[Sensor, ...]) -> Prepared:
-    n_mode = min(max(N_MODE, 20), model.n_available)
+    n_mode = min(MOST_MODES, model.n_available)
     moved, of_channels = of_channels_tried(path, model, sensors)
     reach = np.column_stack([moved.parameters.lower, moved.parameters.upper])
     small = small_model(moved, n_mode=n_mode, effects=(), reach=reach)

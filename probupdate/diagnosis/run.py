@@ -29,6 +29,7 @@ from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.diagnosis.wording import larger_error_words, nearest_part_words
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.modal.joined_modes import highest_frequency_hz
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.executors import Executor, executor
 from probupdate.runtime.progress import Progress, silent
@@ -76,7 +77,7 @@ class ModelSource:
         own = read_parameters(self.parameters) if self.parameters else None
         groups = read_groups(self.groups) if isinstance(self.groups, str | Path) else self.groups
         made = prepare(self.model, parameters=own, sensors=sensors, groups=groups, effects=self.effects,
-                       felt=data.felt, progress=progress)
+                       felt=data.felt, highest_hz=highest_frequency_hz(data), progress=progress)
         return replace(made, discrepancy=self.discrepancy).with_stated_gravity(data)
 
     def refuse_without_model(self) -> None:

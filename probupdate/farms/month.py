@@ -21,7 +21,10 @@ from probupdate.identification.settings import IdentificationSettings
 from probupdate.io.files import read_json_table, write_json, write_text
 from probupdate.io.outputs import companion_files
 from probupdate.io.schema import checked_table
+from probupdate.modal.joined_modes import highest_frequency_hz
+from probupdate.modal.modes import read_modes
 from probupdate.reporting import report as write_report
+from probupdate.structure.load import load_model, model_sensors
 from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.settings import SamplerSettings
 
@@ -250,25 +253,29 @@ def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
 def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked, out, model = options.diagnose, folder / "diagnosis.json", verbs.model_path(month.model)
     sensors = read_campaign(month.campaign).sensors if asked.records and model.suffix == ".toml" else None
-    verbs.diagnose(_prepare_model(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records
-                   else None,
-                   seed=seed, out=out, extend=asked.extend).write(out)
+    highest_hz = highest_frequency_hz(read_modes(folder / "modes.json"))
+    records = month.campaign if asked.records else None
+    prepared = _prepare_model(model, sensors, highest_hz)
+    verbs.diagnose(prepared, folder / "modes.json", campaign=records, seed=seed, out=out,
+                   extend=asked.extend).write(out)
 
 
 # the model that the last diagnosis in this process was of, with all effects in it, by what it was made of
 _KEPT: dict[str, Prepared] = {}
 
 
-def _prepare_model(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
+def _prepare_model(model: Path, sensors: tuple[Sensor, ...] | None, highest_hz: float) -> Prepared:
     """What `diagnose` would make of the model first: three quarters of its time, and the same for all months of a
-    turbine and all turbines of one model with the same sensors."""
-    from probupdate.diagnosis.prepare import prepare
+    turbine and all turbines of one model with the same sensors and as many modes."""
+    from probupdate.diagnosis.prepare import modes_up_to, prepare
 
-    made = _hash([str(model).encode(), model_hash(model).encode(), repr(sensors).encode(), *(
+    own = None if model_sensors(model) is None else sensors
+    count = modes_up_to(load_model(model, sensors=own), highest_hz)
+    made = _hash([str(model).encode(), model_hash(model).encode(), repr(sensors).encode(), str(count).encode(), *(
         array.tobytes() for s in sensors or () for array in (s.position_m, s.direction))])
     if made not in _KEPT:
         _KEPT.clear()
-        _KEPT[made] = prepare(model, sensors=sensors)
+        _KEPT[made] = prepare(model, sensors=sensors, highest_hz=highest_hz)
     return _KEPT[made]
 
 

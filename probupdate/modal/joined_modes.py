@@ -1,5 +1,6 @@
 """A mode that an identification holds for two: where a channel is reversed or exchanged amid a record, or much
-stiffness is lost, shapes of later sets are unlike those before, and who follows shapes has a new mode."""
+stiffness is lost, shapes of later sets are unlike those before, and who follows shapes has a new mode. And two that it
+holds for one: who follows shapes alone mixes modes that few sensors show alike."""
 
 from __future__ import annotations
 
@@ -24,9 +25,67 @@ TIME = re.compile(r"\d{4}-\d\d")
 SAME_FREQUENCY, MOVED_FREQUENCY = 0.02, 0.4
 
 
+def separate_modes(data: ModalData) -> tuple[ModalData, list[str]]:
+    """Each of two modes that stand in one column of the sets, further apart than one mode moves, in a column of its
+    own, by the label of the column and its frequency; and what to say of it."""
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    hz = np.array([s.frequency_hz for s in data.sets]).reshape(-1, data.n_mode)
+    columns, names, parents, notes = [], [], [], []
+    for j, (label, lower) in enumerate(zip(labels, _lower_modes(hz), strict=True)):
+        there = np.isfinite(hz[:, j])
+        kinds = [there & lower, there & ~lower] if lower.any() else [there]
+        around = [float(np.median(hz[k, j])) if k.any() else np.nan for k in kinds]
+        columns += [np.where(k, j, -1) for k in kinds]
+        names += [label] if len(kinds) == 1 else [f"{label} near {centre:.4g} Hz" for centre in around]
+        parents += [j] * len(kinds)
+        if len(kinds) > 1:
+            notes.append(f"{label} is near {around[0]:.4g} Hz in {kinds[0].sum()} sets and near {around[1]:.4g} Hz in "
+                         f"{kinds[1].sum()}: taken as two modes that the sensors show alike")
+    if not notes:
+        return data, []
+    sets = tuple(s.of_modes([int(column[k]) for column in columns]) for k, s in enumerate(data.sets))
+    records = tuple(replace(data.records[j], label=name) for j, name in zip(parents, names, strict=True)
+                    ) if data.records else ()
+    return replace(data, sets=sets, labels=tuple(names), records=records), notes
+
+
+def _lower_modes(hz: np.ndarray) -> np.ndarray:
+    """(n_mode, n_set) where a column of `hz` (n_set, n_mode) has the lower of two modes; none where it has one. What
+    all modes of a set are off by together (its clock, its unit) is no reason for two."""
+    log = np.log(hz)
+    centre = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in log.T])
+    away = log - centre
+    own = away - np.array([np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.nan for r in away])[:, None]
+    result = np.zeros(hz.T.shape, bool)
+    for column, lower in zip(own.T, result, strict=True):
+        order = np.sort(column[np.isfinite(column)])
+        fewest = max(2, int(np.ceil(0.1 * len(order))))
+        if len(order) < max(FEWEST, 2 * fewest):
+            continue
+        steps = np.diff(order)[fewest - 1:len(order) - fewest]
+        at = int(np.argmax(steps))
+        if steps[at] > MOVED_FREQUENCY:
+            lower[:] = column <= order[fewest - 1 + at]
+    return result
+
+
+def highest_frequency_hz(data: ModalData) -> float:
+    """Of the modes that are compared with a model, median over the sets [Hz]; 0 where there is none."""
+    hz = np.array([s.frequency_hz for s in separate_modes(data.compared())[0].sets])
+    found = [float(np.median(one[np.isfinite(one)])) for one in hz.T if np.isfinite(one).any()]
+    return max(found, default=0.0)
+
+
 def join_modes(data: ModalData) -> tuple[ModalData, list[str]]:
     """Such modes as one, by the name of the one that has one; and what to say of it. Two that have each a name are left
-    as they are: of a close pair now one is found and now the other."""
+    as they are: of a close pair now one is found and now the other. Modes that stand in one column are separated
+    first."""
+    data, separated = separate_modes(data)
+    data, joined = _join(data)
+    return data, [*separated, *joined]
+
+
+def _join(data: ModalData) -> tuple[ModalData, list[str]]:
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     hours = hours_of(tuple(s.id for s in data.sets))
     order = np.argsort(np.arange(len(data.sets)) if hours is None else hours, kind="stable")

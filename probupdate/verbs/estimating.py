@@ -11,6 +11,7 @@ import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError, names_files
 from probupdate.io.outputs import sole_writer
+from probupdate.modal.joined_modes import separate_modes
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
@@ -60,7 +61,14 @@ def compared_modes(
     only: Sequence[str | int] | None = None,
 ) -> ModalData:
     """Sets of which at least one of the modes that are compared was identified, as the others cannot be updated."""
-    data = chosen_modes(modes, only, every_mode)
+    return _separated_modes(modes, set_id, every_mode, only)[0]
+
+
+def _separated_modes(
+    modes: str | Path | ModalData, set_id: str | None, every_mode: bool, only: Sequence[str | int] | None
+) -> tuple[ModalData, list[str]]:
+    """The same, and what to say of modes that stood in one column."""
+    data, notes = separate_modes(chosen_modes(modes, only, every_mode))
     kept = tuple(s for s in data.sets if np.any(s.measured))
     if set_id is not None and not np.any(data.set(set_id).measured):
         raise InputError(f"set {set_id}", "has no identified mode", "choose another set, or check its identification")
@@ -68,7 +76,7 @@ def compared_modes(
         where = "modes" if isinstance(modes, ModalData) else str(modes)
         raise InputError(where, "no set has an identified mode", "check the identification")
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
-    return replace(data, sets=kept, reference_set=reference)
+    return replace(data, sets=kept, reference_set=reference), notes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,13 +97,14 @@ class Case:
     ) -> Case:
         refuse_other_kinds(model, modes)
         refuse_other_value("likelihood", likelihood, LikelihoodSettings)
-        data = compared_modes(modes, set_id, every_mode, likelihood.modes)
+        data, separated = _separated_modes(modes, set_id, every_mode, likelihood.modes)
         model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix,
                            alternatives=likelihood.alternatives)
 
         def weighed(data: ModalData) -> Case:
             joint = (joint_set(data, covariance=likelihood.joint_covariance) if set_id is None
                      else single_set(data, set_id))
+            joint = replace(joint, notes=(*separated, *joint.notes))
             weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
             return cls(data=data, joint=joint, model_at=model_at, weights=weights)
 
