@@ -120,8 +120,12 @@ class Mixture:
 
     def draw(self, n: int, random) -> np.ndarray:
         chosen = np.searchsorted(np.cumsum(self.weight)[:-1], random.uniform(size=n), side="right")
-        parts = [component.draw(n, random) for component in self.components]
-        return np.array([parts[k][row] for row, k in enumerate(chosen)])
+        found = np.empty((n, len(self.parameters)))
+        for k, component in enumerate(self.components):
+            rows = np.flatnonzero(chosen == k)
+            if rows.size:
+                found[rows] = component.draw(len(rows), random)
+        return found
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Inside the bounds; -inf outside, where nobody asks for it."""

@@ -29,6 +29,9 @@ NEAR_ZERO = 1e-3
 FLAT = 1e-3
 # a step is lengthened to at most so many times itself where steps shrink slowly
 LONGEST = 2.0
+# draws of the prior from which further maxima are looked for at a time, how many times at most, and the probability of
+# a new one with which the search ends
+N_START, MOST_ROUNDS, UNSEEN = 12, 20, 0.02
 SAME_HEIGHT = CONSTANTS.same_height
 NEGLIGIBLE = CONSTANTS.negligible
 
@@ -173,13 +176,45 @@ def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarra
     is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
     kept = [found]
     for start in starts:
-        theta, _, settled = _climb(problem, np.asarray(start, float))
-        if not settled or any(is_same_maximum(theta, other) for other in kept):
-            continue
+        _reached(problem, start, kept)
+    return tuple(kept[k] for k in _with_mass(kept))
+
+
+def search_maxima(problem: Problem, found: Laplace, rng: np.random.Generator) -> tuple[tuple[Laplace, ...], int, float]:
+    """The same from draws of the prior, in rounds of N_START until another start would hardly find a maximum that none
+    has found; how many starts it took, and that probability: the share of starts that were alone in their maximum
+    (Good 1953)."""
+    # the one that is known was reached before
+    kept, visits = [found], [2]
+    for number in range(1, MOST_ROUNDS + 1):
+        for start in problem.parameters.draw(rng, N_START):
+            k = _reached(problem, start, kept)
+            visits += [0] * (len(kept) - len(visits))
+            if k is not None:
+                visits[k] += 1
+        probable = _with_mass(kept)
+        alone = sum(visits[k] == 1 for k in probable) / (number * N_START)
+        if alone <= UNSEEN:
+            break
+    return tuple(kept[k] for k in probable), number * N_START, alone
+
+
+def _reached(problem: Problem, start: np.ndarray, kept: list[Laplace]) -> int | None:
+    """The number in `kept` of the maximum that a climb ends in, added where it is new; None where it does not settle.
+    """
+    theta, _, settled = _climb(problem, np.asarray(start, float))
+    if not settled:
+        return None
+    same = [k for k, other in enumerate(kept) if is_same_maximum(theta, other)]
+    if not same:
         kept.append(_laplace(problem, theta, ()))
+    return same[0] if same else len(kept) - 1
+
+
+def _with_mass(kept: Sequence[Laplace]) -> list[int]:
+    """Numbers of those with mass worth counting, the largest first."""
     mass = np.array([_log_mass(x) for x in kept])
-    order = np.argsort(-mass)
-    return tuple(kept[k] for k in order if mass[k] > mass.max() - NEGLIGIBLE)
+    return [int(k) for k in np.argsort(-mass) if mass[k] > mass.max() - NEGLIGIBLE]
 
 
 def is_same_maximum(theta: np.ndarray, other: Laplace) -> bool:

@@ -26,7 +26,13 @@ from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
 from probupdate.updating.exchanges import images_about
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
-from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori, probable_draws
+from probupdate.updating.laplace import (
+    Laplace,
+    distinct_maxima,
+    maximum_a_posteriori,
+    probable_draws,
+    search_maxima,
+)
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
 from probupdate.updating.problem import Prediction, Problem, Weights, build_problem
 from probupdate.updating.set_matching import suspected_channels
@@ -55,8 +61,6 @@ N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
 SETTLING_MAC = CONSTANTS.settling_mac
-# draws of the prior from which further maxima are looked for
-N_START = 12
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -315,8 +319,8 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximati
               progress: Progress, everywhere: Problem | None = None) -> Approach:
     """Further maxima from draws of the prior, and a proposal for all of them; of those that are alike as parameters
     may be exchanged, for one."""
-    starts = problem.parameters.draw(rng, N_START)
-    maxima, images, words = distinct_maxima(problem, laplace, starts), None, ""
+    maxima, n_start, unseen = search_maxima(problem, laplace, rng)
+    images, words = None, ""
     if len(maxima) > 1:
         images, words = images_about(problem, laplace)
     if images is not None:
@@ -328,7 +332,7 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximati
     problem = replace(problem, images=images)
     proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress,
                                        everywhere=everywhere)
-    notes = notes | {"maxima": len(maxima), "exchanges": words}
+    notes = notes | {"maxima": len(maxima), "starts": n_start, "unseen": unseen, "exchanges": words}
     highest = max(maxima, key=lambda one: one.log_posterior).theta
     return Approach(problem=problem, surrogate=surrogate, highest=highest, proposal=proposal, solved=solved,
                     notes=notes)
@@ -501,8 +505,9 @@ def _warnings(
     """What is to be read before any number of the posterior."""
     said = [found["exchanges"]] if found["exchanges"] else []
     if found["maxima"] > 1:
-        said.append(f"{found['maxima']} separate maxima of the posterior, found by {N_START} starts and all of them "
-                    "sampled; there may be more, and ln evidence counts those found")
+        said.append(f"{found['maxima']} separate maxima of the posterior, found by {found['starts']} starts and all of "
+                    f"them sampled; a further start finds a new one with probability {found['unseen']:.2g}, and ln "
+                    "evidence counts those found")
     if likely is not None:
         said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if laplace.misfit > beyond_chance(problem.n_effective):
