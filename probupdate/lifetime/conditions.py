@@ -12,26 +12,32 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import Field, Strict, ValidationError
+from pydantic import AfterValidator, Field, Strict, ValidationError
+from pydantic_core import PydanticCustomError
 
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
-from probupdate.structure.schema import RANGES, NotNegative, Positive, Table, suggest
+from probupdate.structure.schema import RANGES, Positive, Table, suggest
 
 Real = Annotated[float, Strict()]
 
 
-def bounded_number(limit: float, why: str, above: float | None = None, least: float | None = None) -> Any:
-    """Of a number up to a limit, and above or from another, that physics or the unit sets; `why` is said where one is
-    not."""
-    return Field(le=limit, gt=above, ge=least, description=why)
+def bounded(least: float, most: float, what: str, *, or_zero: bool = False) -> Any:
+    """A number within what physics, practice or its unit leave, or 0 where that leaves something out; `what` it is is
+    the remedy where it is not."""
+    def check(value: float) -> float:
+        if not (least <= value <= most or (or_zero and value == 0)):
+            raise PydanticCustomError("bounded", "is outside {range}, the plausible range", {
+                "range": f"{least:g} to {most:g}{', and not 0' * or_zero}", "what": what})
+        return value
+
+    return AfterValidator(check)
 
 
 def range_of_unit(key: str) -> Any:
     """Of a number of a model.toml, bounded as there."""
-    low, high, unit = RANGES[key]
-    return bounded_number(high, unit, least=low)
+    return bounded(*RANGES[key])
 
 
 # log10 of the cycles at a range of 100 MPa: those of DNV-RP-C203 lie between 4.5 (W3, free corrosion) and 8
@@ -43,8 +49,12 @@ BREAKING = 0.142
 # standard deviation of thrust over 0.5 rho A V^2: 0.02 to 0.3 of operating turbines, a tenth of it idling; of one in kN
 # 1e-3 of these
 LEAST_THRUST, MOST_THRUST = 5e-4, 3.0
+# between cut-in and cut-out, wide; drag of standing blades edge-on and flat, and of what is between them
+TURNING_MPS, MOST_IDLING = (1.5, 40.0), 0.4
+# rotors' diameter over their height above the water; blades end above it, at 2
+LEAST_ROTOR, MOST_ROTOR = 0.2, 3.0
 METRES = "a length in metres"
-Offset = Annotated[Real, bounded_number(100.0, METRES, least=-100)]
+Offset = Annotated[Real, bounded(-100.0, 100.0, METRES)]
 STRESS_FACTOR = "a stress concentration factor"
 SHARE = "a share, not per cent"
 # annual, of a detail with large consequence of failure and moderate cost of safety; the default, and said
@@ -52,67 +62,66 @@ TARGET = 3.3
 
 
 class Water(Table):
-    inertia_coefficient: Annotated[Real, bounded_number(4.0, "a C_M, of a cylinder 1 to 2", above=0)]
-    drag_coefficient: Annotated[Real, bounded_number(4.0, "a C_D, of a cylinder 0.6 to 1.2", least=0)]
+    inertia_coefficient: Annotated[Real, bounded(0.3, 4.0, "a C_M, of a cylinder 1 to 2")]
+    drag_coefficient: Annotated[Real, bounded(0.1, 4.0, "a C_D, of a cylinder 0.6 to 1.2", or_zero=True)]
 
 
 class Wind(Table):
-    air_density_kgpm3: Annotated[Real, bounded_number(2.0, "a density in kg/m3, of air about 1.2", least=0.5)]
-    rotor_diameter_m: Annotated[Real, bounded_number(400.0, METRES, least=1)]
+    air_density_kgpm3: Annotated[Real, bounded(0.5, 2.0, "a density in kg/m3, of air about 1.2")]
+    rotor_diameter_m: Annotated[Real, bounded(1.0, 400.0, METRES)]
     # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
-    integral_length_m: Annotated[Real, bounded_number(3000.0, METRES, least=1)]
+    integral_length_m: Annotated[Real, bounded(40.0, 1500.0, METRES)]
 
 
 class Damping(Table):
     """Of critical, of every mode that modes.json does not state."""
 
-    ratio: Annotated[Real, bounded_number(0.3, "a share of critical damping, not per cent", above=0)]
+    ratio: Annotated[Real, bounded(5e-4, 0.2, "a share of critical damping, not per cent")]
 
 
 class Life(Table):
-    age_years: Annotated[Real, bounded_number(200.0, "an age in years", least=0)]
+    age_years: Annotated[Real, bounded(0.01, 200.0, "an age in years", or_zero=True)]
     years: Annotated[int, Strict(), Field(ge=1, le=200)]
-    reference_cycles: Annotated[Real, bounded_number(1e12, "cycles of equivalent ranges, such as 1e7", least=1e3)]
+    reference_cycles: Annotated[Real, bounded(1e4, 1e10, "cycles of equivalent ranges, such as 1e7")]
 
 
 class Direction(Table):
     """Where wind and waves go, counter-clockwise from the model's x axis."""
 
-    heading_deg: Annotated[Real, bounded_number(360.0, "an angle in degrees", least=-360)]
-    share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
+    heading_deg: Annotated[Real, bounded(-360.0, 360.0, "an angle in degrees")]
+    share: Annotated[Real, bounded(1e-9, 1.0, SHARE)]
 
 
 class State(Table):
     name: str
-    share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
+    share: Annotated[Real, bounded(1e-9, 1.0, SHARE)]
     operating: Annotated[bool, Strict()]
-    hs_m: Annotated[Real, bounded_number(25.0, "a significant wave height in metres; the highest measured is below 20",
-                                         above=0)]
-    tp_s: Annotated[Real, bounded_number(30.0, "a peak period in seconds", above=0)]
-    gamma: Annotated[Real, bounded_number(7.0, "a peakedness, 1 to 7, of the North Sea 3.3", least=1)]
-    wind_mps: Annotated[Real, bounded_number(75.0, "a mean wind speed in m/s", above=0)]
-    turbulence: Annotated[Real, bounded_number(1.0, SHARE, least=0)]
+    hs_m: Annotated[Real, bounded(0.01, 25.0, "a significant wave height in metres; the highest measured is below 20")]
+    tp_s: Annotated[Real, bounded(0.01, 30.0, "a peak period in seconds")]
+    gamma: Annotated[Real, bounded(1.0, 7.0, "a peakedness, 1 to 7, of the North Sea 3.3")]
+    wind_mps: Annotated[Real, bounded(0.5, 75.0, "a mean wind speed in m/s")]
+    turbulence: Annotated[Real, bounded(0.02, 1.0, SHARE, or_zero=True)]
     # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
-    thrust_coefficient: Annotated[Real, bounded_number(3.0, "a coefficient, near 0.8 below rated wind", least=0)]
+    thrust_coefficient: Annotated[Real, bounded(0.005, 2.0, "a coefficient, near 0.8 below rated wind", or_zero=True)]
     # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
     thrust_spectrum: str | None = None
 
 
 class Law(Table):
     log10_a1: Positive
-    m1: Annotated[Real, bounded_number(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
+    m1: Annotated[Real, bounded(1.0, 20.0, "the slope of an S-N curve, 3 to 5 of welds")]
     log10_a2: Positive
-    m2: Annotated[Real, bounded_number(20.0, "the slope of an S-N curve, 3 to 5 of welds", least=1)]
+    m2: Annotated[Real, bounded(1.0, 20.0, "the slope of an S-N curve, 3 to 5 of welds")]
     # S times (t / t_ref)^k for walls above t_ref
-    reference_thickness_m: Annotated[Real, bounded_number(0.3, "a wall in metres, such as 0.025", above=0)]
-    thickness_exponent: Annotated[Real, bounded_number(1.0, "an exponent, 0 to 0.3 in standards", least=0)]
+    reference_thickness_m: Annotated[Real, bounded(0.005, 0.1, "a wall in metres, such as 0.025")]
+    thickness_exponent: Annotated[Real, bounded(0.03, 1.0, "an exponent, 0 to 0.3 in standards", or_zero=True)]
 
 
 class Factors(Table):
-    axial_crown: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
-    axial_saddle: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
-    in_plane: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
-    out_of_plane: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    axial_crown: Annotated[Real, bounded(0.2, 40.0, STRESS_FACTOR)]
+    axial_saddle: Annotated[Real, bounded(0.2, 40.0, STRESS_FACTOR)]
+    in_plane: Annotated[Real, bounded(0.2, 40.0, STRESS_FACTOR)]
+    out_of_plane: Annotated[Real, bounded(0.2, 40.0, STRESS_FACTOR)]
 
 
 class Efthymiou(Table):
@@ -121,10 +130,10 @@ class Efthymiou(Table):
     gap between two braces of a K, and the least factor (DNV-RP-C203 asks for 1.5 where nothing better is known)."""
 
     kind: Literal["T/Y", "X", "K"]
-    chord_length_m: Positive
+    chord_length_m: Annotated[Real, bounded(0.1, 300.0, METRES)]
     chord_fixity: Annotated[Real, Field(ge=0.5, le=1.0)]
-    gap_m: NotNegative | None = None
-    least: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    gap_m: Annotated[Real, bounded(1e-3, 10.0, METRES, or_zero=True)] | None = None
+    least: Annotated[Real, bounded(0.2, 40.0, STRESS_FACTOR)]
 
 
 class Sides(Table):
@@ -160,9 +169,9 @@ class Site(Table):
 
     water_density_kgpm3: Annotated[Real, range_of_unit("site.water_density_kgpm3")]
     gravity_mps2: Annotated[Real, range_of_unit("site.gravity_mps2")]
-    mudline_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
-    water_level_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
-    growth_m: Annotated[Real, bounded_number(1.0, "a thickness in metres, of marine growth 0.05 to 0.2", least=0)]
+    mudline_m: Annotated[Real, bounded(-1000.0, 1000.0, METRES)]
+    water_level_m: Annotated[Real, bounded(-1000.0, 1000.0, METRES)]
+    growth_m: Annotated[Real, bounded(1e-3, 1.0, "a thickness in metres, of marine growth 0.05 to 0.2", or_zero=True)]
     hub_joint: Annotated[int, Strict(), Field(ge=1)] | None = None
     hub_offset_m: tuple[Offset, Offset, Offset]
 
@@ -171,34 +180,33 @@ class Girth(Table):
     """A weld round a member at a level, nominal stress times one factor."""
 
     part: str
-    z_m: Annotated[Real, bounded_number(1000.0, METRES, least=-1000)]
-    factor: Annotated[Real, bounded_number(100.0, STRESS_FACTOR, above=0)]
+    z_m: Annotated[Real, bounded(-1000.0, 1000.0, METRES)]
+    factor: Annotated[Real, bounded(0.5, 8.0, "a factor on nominal stress, 1 to 3 of girth welds")]
     curve: str
 
 
 class Lognormal(Table):
-    median: Annotated[Real, bounded_number(10.0, "a factor near 1, not per cent", least=0.1)]
-    cov: Annotated[Real, bounded_number(3.0, SHARE, least=0)]
+    median: Annotated[Real, bounded(0.2, 5.0, "a factor near 1, not per cent")]
+    cov: Annotated[Real, bounded(5e-3, 1.0, SHARE, or_zero=True)]
 
 
 class Uncertainty(Table):
     x_load: Lognormal
     x_scf: Lognormal
     miner: Lognormal
-    log10_a_std: Annotated[Real, bounded_number(2.0, "a standard deviation of log10 N, 0.2 in standards", least=0)]
+    log10_a_std: Annotated[Real, bounded(0.01, 1.0, "a standard deviation of log10 N, 0.2 in standards", or_zero=True)]
 
 
 class Inspection(Table):
     """An inspection that found no crack: at that age Miner's sum was below `detectable_share` of what it is at
     failure, where a crack would have been seen."""
 
-    age_years: Annotated[Real, bounded_number(200.0, "an age in years", above=0)]
-    detectable_share: Annotated[Real, bounded_number(1.0, SHARE, above=0)]
+    age_years: Annotated[Real, bounded(0.01, 200.0, "an age in years")]
+    detectable_share: Annotated[Real, bounded(1e-3, 1.0, SHARE)]
 
 
 class Target(Table):
-    annual_index: Annotated[Real, bounded_number(8.0, "an index, not a probability: 3.3 is 5e-4 a year",
-                                                 least=1)] = TARGET
+    annual_index: Annotated[Real, bounded(1.0, 8.0, "an index, not a probability: 3.3 is 5e-4 a year")] = TARGET
 
 
 class Conditions(Table):
@@ -235,22 +243,16 @@ def read_conditions(path: str | Path) -> Conditions:
         first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
         wanted = first["msg"].lower().replace("input should", "it must").replace("a valid boolean", "true or false")
-        problem = f"{first['input']!r} is wrong: {wanted}"
         problem, remedy = {
             "missing": ("is missing", "add it; the file that `probupdate template` writes has every key"),
             "extra_forbidden": ("is not a key of this file",
                                 suggest(str(first["loc"][-1]), _table_of(first["loc"]).model_fields)),
-        }.get(first["type"], (problem, _key_meaning(first["loc"]) or "correct it"))
+            "bounded": (f"{first['input']!r} {first['msg']}", f"give {first.get('ctx', {}).get('what')}"),
+        }.get(first["type"], (f"{first['input']!r} is wrong: {wanted}", "correct it"))
         raise InputError(f"{path}: {key}", problem, remedy) from None
     for key, problem, remedy in _mistakes(conditions, path):
         raise InputError(f"{path}: {key}", problem, remedy)
     return conditions
-
-
-def _key_meaning(place: tuple) -> str:
-    """What a key of the file is, where its table says so."""
-    field = _table_of(place).model_fields.get(next((p for p in reversed(place) if isinstance(p, str)), ""))
-    return f"give {field.description}" if field is not None and field.description else ""
 
 
 def _table_of(place: tuple) -> type[Table]:
@@ -313,6 +315,12 @@ def _check_life_and_states(c: Conditions) -> Iterator[tuple[str, str, str]]:
             yield (f"state[{k + 1}].name", f"'{c.state[k].name}' is that of state[{names.index(name) + 1}] too",
                    "tell them apart")
     for k, s in enumerate(c.state):
+        if s.operating and not TURNING_MPS[0] <= s.wind_mps <= TURNING_MPS[1]:
+            yield (f"state[{k + 1}].wind_mps", "{:g} is outside {:g} to {:g}, in which turbines operate".format(
+                s.wind_mps, *TURNING_MPS), "give a mean wind speed in m/s, or operating = false")
+        if not s.operating and s.thrust_coefficient > MOST_IDLING:
+            yield (f"state[{k + 1}].thrust_coefficient", f"{s.thrust_coefficient:g} is above {MOST_IDLING:g}, and the "
+                   "rotor does not turn", "give that of blades, nacelle and tower head on the rotor's area, near 0.05")
         length = 9.81 * s.tp_s**2 / (2 * np.pi)
         if s.hs_m > BREAKING * length:
             yield (f"state[{k + 1}].tp_s", f"waves of {s.hs_m:g} m break at a peak period of {s.tp_s:g} s, at which "
@@ -389,6 +397,15 @@ def thrust_spectra(c: Conditions, path: Path) -> Mapping[str, tuple[np.ndarray, 
                              f"the wind's pressure on the rotor is {mean:.3g} N", "give N^2/Hz over Hz, one-sided")
         found[state.name] = (f, s)
     return found
+
+
+def refuse_other_rotor(c: Conditions, height_m: float, where: str) -> None:
+    """Raises InputError where a rotor cannot be that of a structure of this height above the water."""
+    ratio = c.wind.rotor_diameter_m / height_m
+    if not LEAST_ROTOR <= ratio <= MOST_ROTOR:
+        raise InputError(f"{where}: wind.rotor_diameter_m", f"{c.wind.rotor_diameter_m:g} is {ratio:.2g} times the "
+                         f"structure's height above the water, {height_m:.3g} m; {LEAST_ROTOR:g} to {MOST_ROTOR:g} is "
+                         "plausible", "give the rotor's diameter in metres")
 
 
 def line_densities(frequency_hz: np.ndarray, at_hz: np.ndarray, density: np.ndarray) -> np.ndarray:

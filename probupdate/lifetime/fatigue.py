@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
+from probupdate.lifetime.conditions import Conditions, read_conditions, refuse_other_rotor, thrust_spectra
 from probupdate.lifetime.details import Detail, HotSpot, find_details, thickness_effects, weights
 from probupdate.lifetime.spectral import ranges
 from probupdate.lifetime.stress import Response, StateDamping, StressModel, stress_model
@@ -168,6 +168,8 @@ def fatigue_model(
     known, path, spectra = _read_conditions(conditions, spectra)
     frames = [build_frame(description, d.heading_deg) for d in known.direction]
     details, spots = find_details(description, frames[0], known, str(path or where))
+    water = getattr(description.site, "water_level_m", 0.0)
+    refuse_other_rotor(known, float(frames[0].node_m[:, 2].max()) - water, str(path or where))
     models = tuple(
         stress_model(
             description,
@@ -206,6 +208,9 @@ def fatigue_model_of(
     known, path, spectra = _read_conditions(conditions, spectra)
     own, where = open_model(model), str(path or model)
     details, spots = find_subdyn_details(own, known, where)
+    if known.site is not None:
+        top = max(joint.position_m[2] for joint in own.file.joints) + known.site.hub_offset_m[2]
+        refuse_other_rotor(known, top - known.site.water_level_m, where)
     models = tuple(
         subdyn_stress_model(
             own, details, known, where, heading_deg=d.heading_deg, parameters=parameters, sensors=sensors,

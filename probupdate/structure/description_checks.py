@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import reduce
 
 import numpy as np
 
@@ -25,7 +24,8 @@ from probupdate.structure.effects import ends, faces
 from probupdate.structure.schema import RANGES, Mistake, suggest
 
 
-def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
+def tubes_of(d: Description) -> Iterator[tuple[str, float, float]]:
+    """Key, diameter and wall of every tube."""
     if isinstance(d, JacketTurbine):
         yield "jacket.leg", d.jacket.leg.diameter_m, d.jacket.leg.thickness_m
         for k, bay in enumerate(d.jacket.bay):
@@ -44,29 +44,47 @@ def _tubes(d: Description) -> Iterator[tuple[str, float, float]]:
 
 
 def _check_walls(d: Description) -> Iterator[Mistake]:
-    for key, diameter, wall in _tubes(d):
+    for key, diameter, wall in tubes_of(d):
         if wall >= diameter / 2:
             yield (f"{key}.thickness_m", f"{wall} m does not fit into a tube of {diameter} m (at most half of it)",
                    "check the unit: metres")
 
 
-# undrained shear strength ten metres down, Pa: below it no clay stands
-LEAST_STRENGTH_PA = 1000.0
+# undrained shear strength, Pa, ten metres down: below it no clay stands, above it is rock; at the mudline, where a
+# profile from nothing may begin
+LEAST_STRENGTH_PA, MOST_STRENGTH_PA, LEAST_AT_MUDLINE_PA = 1000.0, 1e6, 200.0
 # tube, grout and pile of a connection fit into one another within this, m
 GAP_M = 0.02
 
 
+def _numbers(table: object, key: str = "", name: str = "") -> Iterator[tuple[str, str, float]]:
+    """Key as messages count it, key without numbers, and value of all numbers in nested tables and lists."""
+    if isinstance(table, dict):
+        for own, value in table.items():
+            yield from _numbers(value, f"{key}.{own}".removeprefix("."), f"{name}.{own}".removeprefix("."))
+    elif isinstance(table, tuple | list):
+        for k, value in enumerate(table):
+            yield from _numbers(value, f"{key}[{k + 1}]", name)
+    elif isinstance(table, float):
+        yield key, name, table
+
+
 def _check_units(d: Description) -> Iterator[Mistake]:
-    for key, (low, high, unit) in RANGES.items():
-        value = reduce(lambda at, name: getattr(at, name, None), key.split("."), d)
-        if value is not None and not low <= value <= high:
+    for key, name, value in _numbers(d.model_dump(exclude={"sensor", "parameter", "correlation"})):
+        low, high, unit = RANGES.get(name) or RANGES.get(name.rpartition(".")[2]) or (-np.inf, np.inf, "")
+        if value != 0 and not low <= value <= high:
             yield key, f"{value:g} is outside {low:g} to {high:g}, the plausible range", f"give it in {unit}"
     if isinstance(d, Offshore):
-        strength = d.soil.undrained_shear_strength_pa
-        if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
-            yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and "
-                   f"{strength.gradient_per_m:g} a metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down",
-                   "give Pa, not kPa")
+        strength, key = d.soil.undrained_shear_strength_pa, "soil.undrained_shear_strength_pa"
+        deep = strength.at_mudline + 10.0 * strength.gradient_per_m
+        said = f"{strength.at_mudline:g} at the mudline and {strength.gradient_per_m:g} a metre are"
+        if deep < LEAST_STRENGTH_PA:
+            yield key, f"{said} less than {LEAST_STRENGTH_PA:g} Pa ten metres down", "give Pa, not kPa"
+        elif deep > MOST_STRENGTH_PA:
+            yield key, f"{said} more than {MOST_STRENGTH_PA:g} Pa ten metres down", "give clay's in Pa; rock has others"
+        elif strength.at_mudline < LEAST_AT_MUDLINE_PA:
+            yield (f"{key}.at_mudline", f"{strength.at_mudline:g} is less than {LEAST_AT_MUDLINE_PA:g} Pa",
+                   "give Pa, not kPa; clay without strength at the mudline, 500")
 
 
 def _check_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mistake]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -25,7 +24,8 @@ from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_parameters, read_toml
-from probupdate.structure.plausible_size import implausible_size, lying_words, top_words
+from probupdate.structure.plausible_size import implausible_size, lying_words
+from probupdate.structure.plausible_turbine import odd_sizes
 from probupdate.structure.subdyn_doubts import doubtful_rows
 from probupdate.structure.subdyn_model import is_subdyn, read_description, turns_nacelle, with_tower
 
@@ -164,25 +164,17 @@ def unused_of(path: Path) -> tuple[str, ...]:
     """Sentences on what a model's files hold that is not used or has no effect, which the project's own forms refuse,
     or that is hardly meant."""
     if not is_subdyn(path):
-        return _odd_top(path) if path.suffix == ".toml" else ()
+        return _odd_sizes(path) if path.suffix == ".toml" else ()
     file = with_tower(read_description(read_toml(path), path), path)[0] if path.suffix == ".toml" else read_subdyn(path)
     return (*doubtful_rows(file), *file.notes)
 
 
-def _odd_top(path: Path) -> tuple[str, ...]:
-    """Of a turbine by its geometry: rotor and nacelle beside the tower, by `top_words`."""
+def _odd_sizes(path: Path) -> tuple[str, ...]:
+    """Of a turbine by its geometry, what is out of proportion."""
     raw = read_toml(path)
     if "matrices" in raw:
         return ()
-    d = parse_description(raw, str(path))
-    kg = {body.name: body.mass_kg for body in d.rna} | {"hub": d.values["m_h"]}
-    pieces = ((b.z_m - a.z_m, a, b) for a, b in pairwise(d.tower.station))
-    tower = sum(station.flange_kg for station in d.tower.station) + sum(
-        h * (d.tower.secondary_steel_kgpm + 0.5 * d.steel.density_kgpm3 * sum(
-            np.pi * (s.diameter_m - s.thickness_m) * s.thickness_m for s in (a, b))) for h, a, b in pieces)
-    height = d.tower.station[-1].z_m - d.tower.station[0].z_m
-    return tuple(f"{path}: {words}" for words in top_words(
-        [(f"rna {body.name}", kg[body.name], max(body.inertia_kgm2)) for body in d.rna], float(tower), height))
+    return tuple(f"{path}: {words}" for words in odd_sizes(parse_description(raw, str(path))))
 
 
 def _distinguish_labels(labels: tuple[str, ...], solution: ModalSolution) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, dens
                 "and that K and M are not exchanged")
 PLACES = {1e-3: "are the nodes' places in mm? they are to be in m", 1e3: "are the nodes' places a thousandth of m?"}
 # a tower over rotor and nacelle: 0.8 to 2.4 of the reference turbines of 3.4 to 22 MW; in t they are a thousandth
-FEW, MANY = 1 / 30, 30.0
+FEW, MANY = 1 / 6, 12.0
 # share of a row's stiffness below which a force is rounding
 ROUNDING = 1e-6
 # m in what places are stated in by mistake; share of them that then lie where the model has them, and that now may

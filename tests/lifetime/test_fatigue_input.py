@@ -63,6 +63,38 @@ def test_numbers_of_another_unit_are_refused_with_their_key(tmp_path, tables, wo
     assert "fatigue.toml: " in str(error.value)
 
 
+LOW = [
+    (("water", "inertia_coefficient"), (1e-3, 0.1)), (("water", "drag_coefficient"), (1e-3, 0.1)),
+    (("damping", "ratio"), (1e-3, 0.01, 100)), (("wind", "integral_length_m"), (1e-3, 0.1, 10)),
+    (("state", 0, "hs_m"), (1e-3,)), (("state", 1, "wind_mps"), (1e-3, 0.1, 10)),
+    (("state", 0, "turbulence"), (1e-3, 0.1, 100)), (("state", 0, "thrust_coefficient"), (1e-3, 0.01, 10)),
+    (("curve", "T", "reference_thickness_m"), (1e-3, 0.1, 10, 1e3)), (("curve", "T", "thickness_exponent"), (0.1, 10)),
+    (("girth", 0, "factor"), (1e-3, 0.1, 10)), (("uncertainty", "x_load", "median"), (0.1, 10)),
+    (("uncertainty", "miner", "cov"), (0.01, 100)), (("uncertainty", "log10_a_std"), (0.01, 10)),
+    (("joint", 0, "chord", "axial_saddle"), (0.01, 100)),
+]
+
+
+@pytest.mark.parametrize(("place", "factor"), [(place, f) for place, factors in LOW for f in factors])
+def test_numbers_off_by_powers_of_ten_are_refused_with_their_key(tmp_path, place, factor):
+    raw = copy.deepcopy(CONDITIONS)
+    table = raw
+    for step in place[:-1]:
+        table = table[step]
+    table[place[-1]] *= factor
+    (tmp_path / "fatigue.toml").write_text(_toml(raw))
+    with pytest.raises(InputError, match=str(place[-1])) as error:
+        read_conditions(tmp_path / "fatigue.toml")
+    assert "; give " in str(error.value)
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_a_rotor_of_another_turbine_is_refused(factor):
+    raw = changed(wind={**CONDITIONS["wind"], "rotor_diameter_m": min(factor * 90.0, 400.0)})
+    with pytest.raises(InputError, match="wind.rotor_diameter_m: .* times the structure's height above the water"):
+        fatigue_model(turbine(), "small", Conditions.model_validate(raw))
+
+
 def test_two_welds_of_one_place_are_two_spots():
     """Inner and outer toe, with factors of 1.8 and 1."""
     girth = [{"part": "tower", "z_m": 12.0, "factor": f, "curve": "T"} for f in (1.8, 1.0)]

@@ -351,7 +351,7 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole, valid
     stress += force * np.sum((weight @ RK[at][:, rest]) * m.hub[rest] / m.value[rest])
     cycles, count = rainflow(stress[int(600 * rate) :])
     span = seconds - 600
-    only = model(lambda raw: [s.update(hs_m=1e-6) for s in raw["state"]])
+    only = model(lambda raw: [s.update(hs_m=0.05) for s in raw["state"]])
     spectral = only.models[0].solve(theta, {})
     tensor = spectral.moments[0, :, at]
     from probupdate.lifetime.spectral import park

@@ -175,7 +175,9 @@ def frame(folder: Path, gap=0.3) -> Path:
 
 def of_frame(path: Path, *ends) -> object:
     site = SITE | {"hub_joint": 3, "hub_offset_m": [0.0, 0.0, 0.0], "mudline_m": 0.0, "water_level_m": 2.0}
-    return fatigue_model_of(path, conditions(girth=[], site=site, member_end=[{"curve": "T"} | e for e in ends]))
+    wind = CONDITIONS["wind"] | {"rotor_diameter_m": 40.0}
+    ends = [{"curve": "T"} | e for e in ends]
+    return fatigue_model_of(path, conditions(girth=[], site=site, wind=wind, member_end=ends))
 
 
 def test_joints_are_found_with_their_chords(tmp_path):
