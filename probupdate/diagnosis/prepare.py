@@ -30,6 +30,7 @@ from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.matrices import channel_places
+from probupdate.structure.own_modes import lying_doubt
 from probupdate.structure.subdyn_model import is_subdyn, resting_angle_deg, turns_nacelle
 
 # modes looked through for the measured ones: so many, and more where modes are measured above these, whose frequencies
@@ -42,7 +43,8 @@ class Prepared:
     """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
     the parameters an update would move; effects of structure and environmental and operational conditions; a user's
     `own` of sensors or of parameters the model has. Effects of sensors are those of the channels a record has
-    (`effects_on`). `discrepancy`: what the model leaves out of every frequency, a share (None: as is usual)."""
+    (`effects_on`). `discrepancy`: what the model leaves out of every frequency, a share (None: as is usual);
+    `question`: what its matrices are asked about, '' for nothing."""
 
     path: Path
     small: SmallModel
@@ -53,6 +55,7 @@ class Prepared:
     sensors: tuple[Sensor, ...]
     description: Description | None
     discrepancy: float | None = None
+    question: str = ""
 
     @property
     def resting_deg(self) -> float:
@@ -198,7 +201,7 @@ def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...], s
     small = small_model(moved, n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
                     effects=(*parameter_effects(model.parameters), *of_channels, temperature_effect()), own=own,
-                    sensors=sensors, description=None)
+                    sensors=sensors, description=None, question=lying_doubt(model))
 
 
 def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:

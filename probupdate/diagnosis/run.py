@@ -120,7 +120,8 @@ def diagnose_files(
             found = _whole(prepared, data=data, seed=seed, extended=extend, out=out, runs=runs,
                            parameters_file=source.parameters, progress=progress)
             own = lacking_notes(prepared.small.channels, [campaign]) if campaign is not None else []
-            found = replace(found, notes=(*found.notes, *_without_tilt(prepared, data), *own))
+            asked = [f"the model is {prepared.question}"] if prepared.question else []
+            found = replace(found, notes=(*found.notes, *asked, *_without_tilt(prepared, data), *own))
     return _with_tests(found, tests, wrong_rate)
 
 

@@ -134,9 +134,14 @@ def model_doubts(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
     # the usual product is that of structures that stand: what floats bends at six times a cantilever's frequency
     extent_m = float(np.max(np.ptp(node_m, axis=0))) if len(own) == len(frequency_hz) else 0.0
     said = implausible_size(float(own[0]), extent_m)
-    lying = "" if not isinstance(model, AffineModel) or places is None else lying_words(
+    return tuple(words for words in (said, lying_doubt(model)) if words)
+
+
+def lying_doubt(model: Model) -> str:
+    """`lying_words` of a model of matrices whose rows' places are known, else ''."""
+    places = getattr(model, "places", None)
+    return "" if not isinstance(model, AffineModel) or places is None else lying_words(
         model.matrices(model.parameters.initial)[0], places.position_m, places.direction)
-    return tuple(words for words in (said, lying) if words)
 
 
 def _solve_with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, np.ndarray, int]:

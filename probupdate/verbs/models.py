@@ -20,7 +20,7 @@ from probupdate.model.interface import Model
 from probupdate.model.parameters import Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import REFERENCE_STATES, load_model, model_sensors, nacelle_angle_deg, reference_model
-from probupdate.structure.own_modes import OwnModes, modes_of_model, unused_of
+from probupdate.structure.own_modes import OwnModes, lying_doubt, modes_of_model, unused_of
 from probupdate.structure.readings import gravity_words
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 
@@ -157,10 +157,11 @@ class ModelAt:
 
 
 def gravity_note(model: Model, channels: Sequence[str], felt: Mapping[str, bool], modal_set: ModalSet) -> str:
-    """What is taken of gravity in the readings of these channels."""
+    """What is taken of gravity in the readings of these channels, and a question where another axis may be upwards."""
     drawn = model.wireframe(model.parameters.initial)
     height = 0.0 if drawn is None else float(np.ptp(drawn.node_m[:, 2]))
-    return gravity_words(model, channels, felt, float(np.nanmin(modal_set.frequency_hz)), height or None)
+    words = gravity_words(model, channels, felt, float(np.nanmin(modal_set.frequency_hz)), height or None)
+    return "; ".join(said for said in (words, lying_doubt(model)) if said)
 
 
 def has_geometry(model: object) -> TypeGuard[str | Path]:

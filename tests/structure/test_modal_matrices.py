@@ -12,6 +12,7 @@ from scipy import sparse
 import probupdate
 from probupdate.errors import InputError
 from probupdate.io.files import archive_arrays
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_files
@@ -476,3 +477,43 @@ def test_a_drawn_jacket_with_y_upwards_is_asked_about_and_the_remedy_holds(tmp_p
         found = probupdate.modes(tmp_path / "model.npz", count=4)
         asked[name] = (found.labels[:2], any("is y upwards" in note for note in found.notes))
     assert asked["upright"] == asked["mended"] == (("X1", "Y1"), False) and asked["lying"][1]
+
+
+def columns(bays, width):
+    """A frame of two columns of bays of 4 m whose feet are held by springs, z upwards: rows x, y, z of each node."""
+    n = 2 * bays + 2
+    place = np.array([[x, 0.0, 4.0 * k] for k in range(bays + 1) for x in (0.0, width)])
+    rods = [(k, k + 2) for k in range(n - 2)] + [(k, k + 1) for k in range(2, n, 2)] + [
+        (k, k + 3) for k in range(0, n - 2, 2)]
+    K = np.zeros((3 * n, 3 * n))
+    for a, b in rods:
+        along = (place[b] - place[a]) / np.linalg.norm(place[b] - place[a])
+        # a tenth of a rod's stiffness across it, so that the plane frame stands
+        K += np.kron(np.outer(np.eye(n)[a] - np.eye(n)[b], np.eye(n)[a] - np.eye(n)[b]),
+                     1e7 * (np.outer(along, along) + 0.1 * np.eye(3)))
+    K[range(6), range(6)] += 1e9
+    return {"K_k": K, "K0": 0 * K, "M0": 500 * np.eye(3 * n), "node_position_m": place,
+            "dof_node": np.repeat(range(n), 3), "dof_direction": np.tile(range(3), n), "channel": ["a", "b", "c"],
+            "channel_dof": [3 * n - 12, 3 * n - 6, 3 * n - 5]}
+
+
+@pytest.mark.parametrize("upright", [True, False], ids=["z upwards", "y upwards"])
+@pytest.mark.parametrize(("bays", "width"), [(3, 3.0), (6, 9.0)])
+def test_update_and_diagnose_ask_whether_y_is_upwards(tmp_path, bays, width, upright):
+    path, arrays = tmp_path / "model.npz", columns(bays, width)
+    (tmp_path / "parameters.toml").write_text(
+        '[[parameter]]\nname = "k"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.5\nupper = 1.5\n')
+    if not upright:
+        arrays |= {"node_position_m": arrays["node_position_m"][:, [1, 2, 0]],
+                   "dof_direction": np.array([2, 0, 1])[arrays["dof_direction"]]}
+    np.savez(path, **arrays)
+    model = load_model(path)
+    own = model.solve(model.parameters.initial, 3)
+    sets = [ModalSet(id=f"2026-01-{day:02d}T00:00Z", damping_ratio=np.full(3, 0.01), shape=own.shape,
+                     frequency_hz=own.frequency_hz * (1 + 1e-3 * np.sin(7 * day + np.arange(3))),
+                     frequency_std_hz=1e-3 * own.frequency_hz, shape_std=np.full(own.shape.shape, 0.01))
+            for day in (1, 2, 3)]
+    data = ModalData(channels=model.channels, sets=tuple(sets))
+    assert ("is y upwards" in probupdate.update(path, data).settings["gravity"]) == (not upright)
+    notes = probupdate.diagnose(path, data, extend=False).notes
+    assert any("is y upwards" in note for note in notes) == (not upright)
