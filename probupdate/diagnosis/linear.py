@@ -136,8 +136,9 @@ class Design:
         result = []
         for q, rows in enumerate(self._offsets):
             own = [(n_profile, slice(0, n_c), self.nuisance[q])]
-            own += [(n_profile + 1 + k, slice(n_c + k, n_c + k + 1), self.effect[q][:, :, [effect]])
-                    for k, (effect, _, _) in enumerate(self.included)]
+            own += [(n_profile + 1 + start, slice(n_c + start, n_c + end),
+                     self.effect[q][:, :, [effect for effect, _, _ in self.included[start:end]]])
+                    for start, end in self._runs_of_one_profile]
             own += [(n_profile, slice(rows.start + part.start, rows.start + part.stop), made)
                     for part, made in self.offset_responses(q)]
             own += [(n_profile + 1 + len(self.included) + k,
@@ -145,6 +146,13 @@ class Design:
                     for k, (_, spread) in enumerate(self.model_errors)]
             result.append(own)
         return tuple(result)
+
+    @cached_property
+    def _runs_of_one_profile(self) -> list[tuple[int, int]]:
+        """Where those of the included effects begin and end that follow one another along the same time profile."""
+        keys = [time_profile.value.tobytes() for _, time_profile, _ in self.included]
+        starts = [k for k, key in enumerate(keys) if not k or key != keys[k - 1]]
+        return list(zip(starts, [*starts[1:], len(keys)], strict=True)) if keys else []
 
     def offset_responses(self, q: int) -> list[tuple[slice, np.ndarray]]:
         """Which of a group's offsets make what (n_bin, n_response, n); (n_bin, n_response) where each makes itself."""
