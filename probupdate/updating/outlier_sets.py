@@ -13,7 +13,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.modal.rounding import rounding_std
@@ -145,8 +145,11 @@ def _log_ratio(value: float, own: float, others: np.ndarray, stated: np.ndarray)
     weight = 1 / variance
     mean = float(weight @ others / weight.sum())
     scale = np.sqrt(own**2 + excess + 1 / weight.sum())
-    regular = stats.t.logpdf((value - mean) / scale, df=n - 1) - np.log(scale)
-    wide = stats.cauchy.logpdf(value - mean, scale=np.hypot(scale, WIDE))
+    # SciPy's densities check their arguments for ten times as long
+    regular = (special.gammaln(0.5 * n) - special.gammaln(0.5 * (n - 1)) - 0.5 * np.log((n - 1) * np.pi)
+               - 0.5 * n * np.log1p(((value - mean) / scale) ** 2 / (n - 1)) - np.log(scale))
+    wider = np.hypot(scale, WIDE)
+    wide = -np.log(np.pi * wider) - np.log1p(((value - mean) / wider) ** 2)
     return float(wide - regular), float(value - mean)
 
 
