@@ -19,6 +19,9 @@ from probupdate.runtime.arrays import frozen_array
 METHODS = ("park", "dirlik", "tovo-benasciutti")
 # of spectral moments: Dirlik's and Tovo and Benasciutti's four first, then what Park's bandwidths take
 ORDERS = (0, 1, 2, 4, 0.54, 1.08, 0.93, 1.86, 0.95, 1.9, 1.95, 3.9, 1.97, 3.94)
+# records that S-N practice counts, and what one of them loses of a cycle as slow as itself: ranges cut by its ends are
+# half cycles. Of the variance; inversely with frequency (studies/lifetime)
+RECORD_S, LOST = 600.0, 0.16
 # a spectrum with an irregularity factor above it is narrow: the fits divide zero by zero there
 NARROW = 0.9999
 LEAST_SHARE = 1e-9
@@ -111,6 +114,11 @@ def moments(frequency_hz: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
     """Those of ORDERS (14, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in
     Hz."""
     return np.array([np.trapezoid(frequency_hz**k * spectrum, frequency_hz, axis=-1) for k in ORDERS])
+
+
+def counted_share(frequency_hz: np.ndarray) -> np.ndarray:
+    """(n,) of the variance at each frequency that ten-minute records count."""
+    return np.maximum(1 - LOST / (RECORD_S * np.asarray(frequency_hz, float)), 0.0)
 
 
 def park(m: np.ndarray) -> Ranges:

@@ -28,7 +28,7 @@ from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, l
 from probupdate.lifetime.damping import StateDamping
 from probupdate.lifetime.details import Detail
 from probupdate.lifetime.modal_stress import ModalStress, Slopes, paired_moments, times
-from probupdate.lifetime.spectral import ORDERS
+from probupdate.lifetime.spectral import ORDERS, counted_share
 from probupdate.lifetime.wave_loads import Waves, waves_on_turbine
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
@@ -496,9 +496,9 @@ class StressModel:
         return Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
 
     def _line_weights(self, n: int) -> np.ndarray:
-        """(14, n) of f to the power of ORDERS by trapezoids."""
+        """(14, n) of f to the power of ORDERS by trapezoids, of what ten-minute records count."""
         f = self.frequency_hz[:n]
-        return np.convolve(np.diff(f), [0.5, 0.5]) * f ** np.array(ORDERS)[:, None]
+        return np.convolve(np.diff(f), [0.5, 0.5]) * counted_share(f) * f ** np.array(ORDERS)[:, None]
 
     def _moments(self, z: np.ndarray, density: np.ndarray) -> np.ndarray:
         """(n, 14, n_detail, 3, 3) sums of f^k Re(z_i conj z_j) times each of n densities (n, n_frequency)."""

@@ -531,7 +531,7 @@ def test_stresses_of_the_state_before_are_refused(changed):
     assert code == 2 and "must be of the state after alone: these are of 2024-03-01T00:00Z" in said
 
 
-@pytest.mark.parametrize("turbulence", [0.0012, 0.12])
+@pytest.mark.parametrize("turbulence", [0.024, 0.12])
 def test_stated_loads_that_make_far_less_than_the_measured_damage_are_said(case, tmp_path, capsys, turbulence):
     folder, _ = case
     text = (folder / "fatigue.toml").read_text()
