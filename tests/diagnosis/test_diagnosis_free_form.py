@@ -71,13 +71,15 @@ def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
 
 
 @pytest.mark.parametrize(("hidden", "cause", "where"), [
-    ({"spring": 3e5}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg"),
+    ({"spring": 5e4}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg"),
+    pytest.param({"spring": 3e5}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg", marks=pytest.mark.long),
     pytest.param({"mass": 250.0, "storey": 1}, PART_CAUSES[2], "(0.0, 0.0, 6.0) m", marks=pytest.mark.long),
 ])
 def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, where, validation):
-    row = validation(what="a spring to ground (3e5 N/m at storey 4, along x), a mass (250 kg at storey 2) from block "
-                          "20 on, in no row of the catalogue: part, place, time profile, onset; size in its standard "
-                          "deviations, its relative standard deviation; held-out gain over its standard error",
+    row = validation(what="a spring to ground (50 kN/m, long: 300, at storey 4, along x), a mass (250 kg at storey 2) "
+                          "from block 20 on, in no row of the catalogue: part, place, time profile, onset; size in its "
+                          "standard deviations, its relative standard deviation; held-out gain over its standard "
+                          "error",
                      reference="what was hidden")
     data = record(3, **hidden)
     known = examine(frame, data)

@@ -549,12 +549,10 @@ def test_hypotheses_are_compared_about_the_same_parameters(loosened, validation)
     row.least(-relative[1], 10, "another")
 
 
-def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
-    data = record(4, storey=2, factor=0.9, from_block=20)
-    # the model with the finding in it, to the byte, is asked in test_diagnosis_executors.py
-    found = [probupdate.diagnose(prepared, data, seed=7, extend=False) for _ in range(2)]
-    assert found[0].content() == found[1].content()
-    (path,) = found[0].write(tmp_path / "diagnosis.json")
+def test_a_diagnosis_file_is_as_agreed(prepared, record, tmp_path):
+    # that the same seed gives the same file, to the byte, is asked in test_diagnosis_executors.py
+    found = probupdate.diagnose(prepared, record(4, storey=2, factor=0.9, from_block=20), seed=7, extend=False)
+    (path,) = found.write(tmp_path / "diagnosis.json")
     content = json.loads(path.read_text())
     assert content["verdict"] in ("named", "ambiguous", "unexplained", "none")
     for one in content["findings"]:
