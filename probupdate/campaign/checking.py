@@ -21,6 +21,7 @@ from probupdate.campaign.blocks import (
     read_block,
 )
 from probupdate.campaign.clocks import Delays, delays, drifts, far_delays, put_in_time
+from probupdate.campaign.expected import expected_suspicions, is_expected
 from probupdate.campaign.far_clocks import far_clock
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
@@ -36,7 +37,7 @@ from probupdate.campaign.findings import (
 )
 from probupdate.campaign.gain_steps import FEWEST_PIECES, number_of_lines, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
-from probupdate.campaign.mounting import is_upright, lowest_motion_hz, suspicions
+from probupdate.campaign.mounting import Suspicion, is_upright, lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import name_levels
@@ -119,14 +120,19 @@ class CampaignCheck:
         return path
 
 
-def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
-    """Read every block once and say what was found; nothing is changed."""
+def check(
+    campaign: Campaign, *, modes: tuple[np.ndarray, np.ndarray] | None = None, progress: Progress = silent,
+) -> CampaignCheck:
+    """Read every block once and say what was found; nothing is changed. modes: of a model of the structure, by
+    frequencies and readings (`expected_suspicions`); what is suspected of them too is no fault."""
+    expected = [] if modes is None else expected_suspicions(*modes, campaign.sensors)
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
     files = block_files(campaign)
     stride = -(-len(files) // MOST_COMPARED)
     n_compared = max(-(-len(files) // stride), 1)
     pieces = -(-FEWEST_PIECES // n_compared)
     tables, heads, compared, lines, sways, amplitudes, timed = [], [], [], [], [], [], []
+    cleared: set[str] = set()
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
@@ -138,6 +144,8 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
             amplitudes.append(found)
         if number % stride == 0:
             found = compare_block(campaign, block, state, conditions, rows, pieces=pieces, n_compared=n_compared)
+            if found is not None and expected:
+                found = _without_expected(found, expected, cleared)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
                                suspicion=_suspicions_by_channel(campaign, found))
             compared += [] if found is None else [found]
@@ -158,6 +166,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings),
                 *time_findings(timed, campaign.scada))
     uses = (*_uses(campaign, head, table), *able)
+    uses = (*uses, *_cleared_words(cleared))
     most = comparable_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
     if len(campaign.sensors) > most:
         uses = (*uses, f"channels were not compared with one another: {len(campaign.sensors)} are more than the {most} "
@@ -172,6 +181,18 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary,
         measured=measured, sha256=sha256(campaign.path / "campaign.toml"),
     )
+
+
+def _without_expected(found: ComparedBlock, expected: Sequence[Suspicion], cleared: set[str]) -> ComparedBlock:
+    """Without suspicions that the model's modes raise too, which are added to those `cleared`."""
+    odd = tuple(s for s in found.suspicions if not is_expected(s, expected))
+    cleared |= {f"{c} ({s.kind})" for s in found.suspicions if s not in odd for c in s.channels}
+    return replace(found, suspicions=odd)
+
+
+def _cleared_words(cleared: set[str]) -> list[str]:
+    return [f"looks odd beside other channels, but no more than by the model's modes: {', '.join(sorted(cleared))}"
+            ] if cleared else []
 
 
 def _summary(head: str, findings: Sequence[str], uses: Sequence[str]) -> str:

@@ -43,10 +43,12 @@ SEARCH = 10
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelFinding:
-    """finding: what is wrong with channels, '' for nothing; use: what was compared, in a sentence."""
+    """finding: what is wrong with channels, '' for nothing; use: what was compared, in a sentence; modes: of a
+    model whose shapes are those measured, by frequencies and readings."""
 
     finding: str
     use: str
+    modes: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @names_files("campaign")
@@ -60,7 +62,8 @@ def check(
     if model is None:
         return check_campaign(opened, progress=progress).with_finding("; ".join(implausible_places(opened.sensors)))
     held = check_against_model(opened, model, parameters=parameters, progress=progress)
-    return check_campaign(opened, progress=progress).with_finding(held.finding, held.use)
+    found = check_campaign(opened, modes=held.modes, progress=progress)
+    return found.with_finding(held.finding, held.use)
 
 
 def check_against_model(
@@ -114,7 +117,7 @@ def _shapes_against(
                 + _reversed_remedy(opposite[0])))
     if likely is None:
         if 1 - agreement <= FAR_LOSS:
-            return ModelFinding(finding="", use=use)
+            return ModelFinding(finding="", use=use, modes=_compared_modes(campaign, data, shape, one.frequency_hz))
         return ModelFinding(use=use, finding=(
             f"shapes are not the model's (mean MAC {agreement:.2f} of {n_mode} modes), and no reversal or exchange of "
             "channels explains it: check that the model is of this structure, its sensors' places and directions, or "
@@ -123,6 +126,16 @@ def _shapes_against(
     votes = sum(a is not None and likely.candidates[0] in a.candidates for a in alike)
     return ModelFinding(use=use, finding=(f"against the model: {likely.sentence}; {votes} of {len(joint.ids)} blocks "
                                           f"show it by themselves; {_remedy(likely)}"))
+
+
+def _compared_modes(
+    campaign: Campaign, data: ModalData, modes: ComputedModes, measured_hz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The model's among those measured; None where it has not all of the campaign's channels."""
+    if data.channels != campaign.channels:
+        return None
+    held = (modes.frequency_hz > 0) & (modes.frequency_hz < 1.1 * np.nanmax(measured_hz))
+    return modes.frequency_hz[held], modes.shape[:, held]
 
 
 def _remedy(likely: ChannelMistake) -> str:
