@@ -109,7 +109,7 @@ def test_the_maps_density_integrates_to_one(lower):
     a = np.exp(0.2 * rng.standard_normal(4000))
     theta = np.column_stack([a, np.exp(0.05 * rng.standard_normal(4000)) / a])
     found = fit_transport(theta, np.full(4000, 1 / 4000), from_laplace(top, parameters))
-    grid = np.linspace(0.0503, 6.0, 1500)
+    grid = np.linspace(0.0503, 6.0, 600)
     both = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1).reshape(-1, 2)
     density = np.exp(found.log_density(both)) * (grid[1] - grid[0]) ** 2
     assert density.sum() == pytest.approx(1.0, abs=5e-3)
