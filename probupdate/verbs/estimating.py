@@ -23,6 +23,7 @@ from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.joint_set import JointSet, joint_set, single_set
 from probupdate.updating.posterior_file import ENDS, Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.set_matching import suspected_channels, with_mistake
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import SETS, STEP, UNLIKE, UpdateRecord, read_update
 from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model, refuse_other_value
@@ -79,6 +80,15 @@ def _separated_modes(
     return replace(data, sets=kept, reference_set=reference), notes
 
 
+def _refuse_mistaken_channels(error: ConvergenceError, model: Model, data: ModalData) -> None:
+    """Raises InputError where an exchange or reversal of channels explains that no maximum was reached."""
+    places = [model.parameters.initial, *([error.estimate] if isinstance(error.estimate, np.ndarray) else [])]
+    likely = suspected_channels(model, data, places)
+    if likely is not None:
+        raise with_mistake(InputError("modes", "no maximum of the posterior was reached", likely.remedy),
+                           likely) from None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
     """What every estimator is given: the sets that are compared, the one that an update is of (all comparable ones
@@ -101,9 +111,12 @@ class Case:
         model_at = ModelAt(model, parameters, str(modes), data.felt, likelihood.fix,
                            alternatives=likelihood.alternatives)
 
+        def joined(data: ModalData) -> JointSet:
+            return (joint_set(data, covariance=likelihood.joint_covariance) if set_id is None
+                    else single_set(data, set_id))
+
         def weighed(data: ModalData) -> Case:
-            joint = (joint_set(data, covariance=likelihood.joint_covariance) if set_id is None
-                     else single_set(data, set_id))
+            joint = joined(data)
             joint = replace(joint, notes=(*separated, *joint.notes))
             weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
             return cls(data=data, joint=joint, model_at=model_at, weights=weights)
@@ -114,6 +127,8 @@ class Case:
             # as a mode of uncertain pairing is, where most modes stay
             kept = [j for j in range(data.n_mode) if j not in error.modes]
             if not error.modes or 2 * len(kept) <= data.n_mode:
+                one = joined(data).data
+                _refuse_mistaken_channels(error, model_at(one.set()), one)
                 raise
             case, names = weighed(data.of_modes(kept)), data.labels or [f"mode {j + 1}" for j in range(data.n_mode)]
             words = (f"{', '.join(names[j] for j in error.modes)} left out: its counterpart among the model's modes "

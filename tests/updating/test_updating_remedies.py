@@ -6,6 +6,7 @@ import re
 import h5py
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
@@ -88,3 +89,57 @@ def test_a_direction_and_the_models_sign_must_agree(tmp_path):
 def test_a_channel_across_its_row_of_the_model_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"channel A2: points along.*channel_row for an oblique"):
         reference_at([write_campaign(tmp_path, (X, Y, X, X))], write_model(tmp_path), where=tmp_path)
+
+
+PIECES, LENGTH, NODES = 24, 53.0, np.array([3, 6, 8, 13, 16, 19, 22])
+
+
+def deck(stiffness, mass, held):
+    """Stiffness and mass of a beam of PIECES, bending stiffness and mass of each: vertical motion and slope of its
+    ends; held: springs by node."""
+    h = LENGTH / PIECES
+    bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+                     [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]) / h**3
+    inert = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+                      [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]) * h / 420
+    size = 2 * PIECES + 2
+    stiff, heavy = np.zeros((size, size)), np.zeros((size, size))
+    for e in range(PIECES):
+        rows = slice(2 * e, 2 * e + 4)
+        stiff[rows, rows] += stiffness[e] * bend
+        heavy[rows, rows] += mass[e] * inert
+    for node, spring in held.items():
+        stiff[2 * node, 2 * node] += spring
+    return stiff, heavy
+
+
+def write_bridge(folder, seed, channels):
+    """Two spans with two stays: a model, and modes of a bridge whose pieces scatter by 3 % about it."""
+    rng, one, first = np.random.default_rng(seed), np.ones(PIECES), np.arange(PIECES) < 10
+    names = [f"V{k}" for k in range(1, 8)]
+    np.savez(folder / "model.npz", M0=deck(one, 1200 * one, {})[1],
+             K0=deck(0 * one, one, {0: 2e9, 10: 2e9, 24: 2e9})[0], K_first=deck(1.68e9 * first, one, {})[0],
+             K_second=deck(1.68e9 * ~first, one, {})[0], K_stays=deck(0 * one, one, {5: 2e6, 16: 2e6})[0],
+             channel=names, channel_dof=2 * NODES)
+    (folder / "parameters.toml").write_text("".join(
+        PARAMETERS.replace('"k"', f'"{name}"') for name in ("first", "second", "stays")))
+    scatter = 1 + 0.03 * rng.standard_normal((2, PIECES))
+    held = {0: 2e9, 10: 1.2e9, 24: 2e9, 5: 1.7e6, 16: 2.2e6}
+    squares, phi = eigh(*deck(1.68e9 * scatter[0], 1200 * scatter[1], held))
+    frequency, shape = np.sqrt(squares[:6]) / (2 * np.pi), phi[2 * NODES, :6]
+    shape = shape / np.abs(shape).max(axis=0)
+    (folder / "modes.json").write_text(json.dumps({"channels": list(channels), "sets": [{
+        "id": "one", "frequency_hz": frequency.tolist(), "damping_ratio": [0.01] * 6,
+        "frequency_std_hz": (5e-4 * frequency).tolist(), "shape_re": shape.T.tolist(),
+        "shape_std": np.full((6, 7), 0.006).tolist()}]}))
+    return folder / "model.npz", folder / "modes.json"
+
+
+@pytest.mark.parametrize("seed", [1, 8])
+def test_an_exchange_is_named_where_no_maximum_is_reached(tmp_path, seed):
+    wrong = ("V1", "V2", "V3", "V5", "V4", "V6", "V7")
+    with pytest.raises(InputError, match="channels V5 and V4 exchanged would explain it.*exchange the two names") as e:
+        update(*write_bridge(tmp_path, seed, wrong))
+    assert "no maximum of the posterior was reached" in str(e.value)
+    mended = update(*write_bridge(tmp_path, seed, sorted(wrong)))
+    assert not mended.suspected and mended.map_theta[:2] == pytest.approx(1.0, abs=0.06)
