@@ -487,6 +487,11 @@ class ModalData:
         every component of a shape `shape` times the shape's largest."""
         if frequency is None and shape is None:
             return self
+        for name, share in (("frequency_std", frequency), ("shape_std", shape)):
+            if share is not None and not 0 < share < 1:
+                raise InputError(name, f"{share:g} is no share between 0 and 1",
+                                 f"give a share, such as {0.01 * share:g} for {share:g} %" if 1 <= share < 100 else
+                                 "give a share, such as 0.005")
         return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
 
     def compared(self, every: bool = False) -> ModalData:

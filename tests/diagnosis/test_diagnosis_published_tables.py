@@ -33,3 +33,11 @@ def test_frequencies_alone_blame_no_sensor(tmp_path, frame_file, record):
     code, found = command(tmp_path, frame_file, record, "--shapes", "none", n=20, gain=("x4", 1.4))
     assert code == 0 and found["verdict"] == "none"
     assert any("no set has a shape" in note for note in found["notes"])
+
+
+@pytest.mark.parametrize(("option", "share", "remedy"), [
+    ("--frequency-std", "5", "0.05 for 5 %"), ("--shape-std", "2", "0.02 for 2 %")])
+def test_a_scatter_in_per_cent_is_refused_with_its_share(tmp_path, frame_file, record, capsys, option, share, remedy):
+    code, _ = command(tmp_path, frame_file, record, option, share)
+    said = capsys.readouterr().err
+    assert code == 2 and f"{share} is no share" in said and remedy in said
