@@ -26,7 +26,7 @@ from probupdate.diagnosis.proposals import (
     try_candidates,
     with_crosstalk,
 )
-from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of, prior_shares
+from probupdate.diagnosis.ranking import CLOSE, Hypothesis, Ranking, hypothesis_of, key_of
 from probupdate.diagnosis.search import MARGIN, Search, conditional_scores, gains, model_error_dispersion, search
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
@@ -98,7 +98,7 @@ def moves_from(problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: 
     """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
     exchanged for what looks like it too, whatever first order promises."""
-    priors = np.log(prior_shares(problem))
+    priors = np.log(problem.prior_shares)
     effect_of, names = problem.which[:, 0], [problem.time_profiles[c].name for _, c in problem.which]
     least, result = best - MARGIN - here.log_posterior, []
     for out in (*([None] if add else []), *range(len(here.candidates))):
@@ -156,7 +156,7 @@ def _is_one_more_promising(problem: DiagnosisProblem, here: Hypothesis, found: S
     if not found.statistic.max() > found.threshold:
         return False
     _, z, gain, _ = _to_first_order(problem, here.fitted, here.candidates, here.z)
-    promise = gain / model_error_dispersion(float(np.abs(z).max())) + np.log(prior_shares(problem))
+    promise = gain / model_error_dispersion(float(np.abs(z).max())) + np.log(problem.prior_shares)
     return bool(promise.max() > 0)
 
 

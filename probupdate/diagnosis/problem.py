@@ -121,16 +121,25 @@ class DiagnosisProblem:
     discrepancy_scale: float = 1.0
     unrecorded: tuple[tuple[int, TimeProfile, float], ...] = ()
 
-    @property
+    @cached_property
     def angles(self) -> np.ndarray:
-        return np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG
+        return frozen_array(np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG)
 
-    @property
+    @cached_property
     def bins(self) -> tuple[np.ndarray, np.ndarray]:
         """Centre angle of each bin, and each block's bin."""
         key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
         found, place = np.unique(key, return_inverse=True)
-        return found * BIN_DEG, place
+        return frozen_array(found * BIN_DEG), frozen_array(place, int)
+
+    @cached_property
+    def prior_shares(self) -> np.ndarray:
+        """(n_candidate,) that sum to one, but for crosstalks, which were not in the catalogue."""
+        names = [self.time_profiles[c].name for _, c in self.which]
+        odds = np.array([self.effects[j].prior_odds(name) for (j, _), name in zip(self.which, names, strict=True)])
+        steps = max(sum(c.kind == "step" for c in self.time_profiles), 1)
+        odds = odds / np.where([name == "step" for name in names], steps, 1)
+        return frozen_array(odds / odds.sum())
 
     @cached_property
     def _predictors(self) -> dict[bytes, ModalPredictor]:

@@ -69,17 +69,7 @@ class Hypothesis:
 def log_prior(problem: DiagnosisProblem, candidates: Sequence[int]) -> float:
     """ln prior probability of these effects and time profiles over that of none: a change is as probable as not, shared
     out by the catalogue's odds, and at any of a step's times alike."""
-    shares = prior_shares(problem)
-    return float(np.sum(np.log(shares[list(candidates)])))
-
-
-def prior_shares(problem: DiagnosisProblem) -> np.ndarray:
-    """(n_candidate,) that sum to one, but for crosstalks, which were not in the catalogue."""
-    names = [problem.time_profiles[c].name for _, c in problem.which]
-    odds = np.array([problem.effects[j].prior_odds(name) for (j, _), name in zip(problem.which, names, strict=True)])
-    steps = max(sum(c.kind == "step" for c in problem.time_profiles), 1)
-    odds = odds / np.where([name == "step" for name in names], steps, 1)
-    return odds / odds.sum()
+    return float(np.sum(np.log(problem.prior_shares[list(candidates)])))
 
 
 def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
