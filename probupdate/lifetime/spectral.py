@@ -21,7 +21,7 @@ METHODS = ("park", "dirlik", "tovo-benasciutti")
 ORDERS = (0, 1, 2, 4, 0.54, 1.08, 0.93, 1.86, 0.95, 1.9, 1.95, 3.9, 1.97, 3.94)
 # records that S-N practice counts, and what one of them loses of a cycle as slow as itself: ranges cut by its ends are
 # half cycles. Of the variance; inversely with frequency (studies/lifetime)
-RECORD_S, LOST = 600.0, 0.16
+RECORD_S, LOST = 600.0, 0.08
 # a spectrum with an irregularity factor above it is narrow: the fits divide zero by zero there
 NARROW = 0.9999
 LEAST_SHARE = 1e-9

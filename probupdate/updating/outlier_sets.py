@@ -23,7 +23,7 @@ from probupdate.updating.settings import CONSTANTS
 
 SHARE, WIDE, SURE = CONSTANTS.outlier_share, CONSTANTS.outlier_wide, CONSTANTS.outlier_sure
 # fewer sets show no outlier among them; passes in which outliers stop counting among the others
-FEWEST, PASSES = 4, 4
+FEWEST, PASSES = 3, 4
 # of ln f, where nothing is stated and all sets agree to the last digit
 LEAST = 1e-6
 # so many sets that are off alike are said one by one
