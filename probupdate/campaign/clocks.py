@@ -39,7 +39,7 @@ MOTION_STD_S = {True: 0.0005, False: 0.003}
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Delays:
     """delay_s (n_channel,) how late each channel is against the median of those it can be compared with, NaN where
-    none; std_s (n_channel,) what coherence and similarity of motion leave open, infinite where a channel moves with
+    none; std_s (n_channel,) what coherence, similarity of motion and the pairs' scatter leave open, infinite where a channel moves with
     compared ones, more than there are such as itself, and its phase against them is no clock's; group (n_channel,)
     number of the set of channels that are compared with one another, -1 for none."""
 
@@ -78,7 +78,9 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
         inverse = np.linalg.pinv(normal[np.ix_(members, members)], hermitian=True)
         answer = inverse @ ((rows[mine][:, members].T * weights[mine]) @ values[mine])
         delay[members] = answer - np.median(answer)
-        std[members] = np.sqrt(np.diag(inverse))
+        # pairs of one channel share its motion: what they disagree by is not averaged away
+        own, apart = np.abs(rows[mine][:, members]).T * weights[mine], values[mine] - rows[mine][:, members] @ answer
+        std[members] = np.sqrt(np.diag(inverse) + own @ apart**2 / own.sum(axis=1))
         group[members] = number
     # whose phase is no clock's show the channels that agree: two of four are as likely sound, and move by close modes
     beside = {i: {int(group[j]) for k, j in bent if k == i and group[j] >= 0} for i, _ in bent if group[i] < 0}

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special, stats
 
+from probupdate.diagnosis.adequacy import residual_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.engine.verdict import CHANCE, SURE
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding
@@ -33,11 +34,11 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
     rows = [k for k, (j, _) in enumerate(design.which) if asked[j] and design.share_left[k] > LEAST_LEFT]
     if not rows:
         return found
-    score = design.scores(fitted.centred)
+    score, unexplained = design.scores(fitted.centred), _unexplained_by(outcome)
     findings = []
     for k in rows:
         effect, std = problem.effects[design.which[k][0]], float(1 / np.sqrt(design.information[k]))
-        size = float(score[k] * std**2)
+        size, std = float(score[k] * std**2), unexplained * std
         # ln of the evidence of size 1 over that of size 0, both alike before
         wrong = float(special.expit((2 * size - 1) / (2 * std**2)))
         if size / std > stats.norm.isf(FALSE_ALARM) and wrong > 0.5:
@@ -51,3 +52,10 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
         sure = all(f.posterior_probability >= SURE for f in findings)
         found = replace(found, verdict="named" if sure else "ambiguous")
     return replace(found, findings=(*found.findings, *findings))
+
+
+def _unexplained_by(outcome: Outcome) -> float:
+    """How many times their standard deviations the residuals' means are, root mean square, 1 at least: what is not
+    explained moves an estimate by as much (Birge 1932)."""
+    value, covariance = residual_of(outcome.fitted, len(outcome.problem.updated)).means
+    return max(1.0, float(np.sqrt(np.mean(value**2 / np.diag(covariance)))))

@@ -392,13 +392,20 @@ def _mates(
     return found
 
 
-def nearest_free(frequency_hz: np.ndarray, shape: np.ndarray, taken: np.ndarray, own: np.ndarray) -> np.ndarray:
+def nearest_free(
+    frequency_hz: np.ndarray, shape: np.ndarray, taken: np.ndarray, own: np.ndarray, plane: np.ndarray | None = None
+) -> np.ndarray:
     """Of each of n solutions the mode nearest in frequency to mode `own` (n,) that is not among `taken` (n, n_taken)
     and moves the channels, (n,): `own` itself where there is none. frequency_hz (n, n_mode), shape (n, n_channel,
-    n_mode)."""
+    n_mode). `plane` (n_channel, 2), orthonormal: of shapes that the mode is to lie in, beside its frequency: with the
+    parameters another mode may come nearer, and what is compared would jump."""
     row = np.arange(len(own))
     visible = np.linalg.norm(shape, axis=1)
     away = np.abs(frequency_hz - frequency_hz[row, own][:, None])
+    if plane is not None:
+        within = np.linalg.norm(np.einsum("cp,ncm->npm", plane, shape), axis=1) / np.maximum(visible, 1e-300)
+        # as far as pairs are apart counts as much as a shape that lies out of the plane
+        away = 1 - within**2 + away / (PAIR_GAP * frequency_hz[row, own][:, None])
     away[visible < SEEN * visible[row, own][:, None]] = np.inf
     away[row[:, None], taken] = np.inf
     away[row, own] = np.inf

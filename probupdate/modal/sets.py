@@ -461,7 +461,9 @@ class ModalData:
                 raise InputError(f"mode {label}", "is to be compared, but there is none of that label",
                                  f"did you mean '{near[0]}'? there are {', '.join(known)}" if near else
                                  f"there are {', '.join(known)}")
-        return self.of_modes([j for j, label in enumerate(known) if label in labels])
+        chosen = self.of_modes([j for j, label in enumerate(known) if label in labels])
+        # who names a mode has it compared, whatever identification says of its counterpart
+        return replace(chosen, records=tuple(replace(r, match="") for r in chosen.records))
 
     def without_channels(self, names: Sequence[str]) -> ModalData:
         """The same sets without these channels. Raises InputError for one that is not there, or where none is left."""

@@ -331,14 +331,23 @@ class Problem:
         """The computed modes of each group, (n, size + n_mates): those assigned to it, (n, n_used) of all, and of one
         of a pair its mate. frequency_hz (n, n_mode), shape (n, n_channel, n_mode)."""
         taken, found, start = computed, [], 0
-        for group in self.groups:
+        for group, plane in zip(self.groups, self._pair_planes, strict=True):
             own = computed[:, start : start + group.size]
             if group.n_mates:
-                mate = nearest_free(frequency_hz, shape[:, group.rows], taken, own[:, 0])
+                mate = nearest_free(frequency_hz, shape[:, group.rows], taken, own[:, 0], plane)
                 taken, own = np.column_stack([taken, mate]), np.column_stack([own, mate])
             found.append(own)
             start += group.size
         return found
+
+    @cached_property
+    def _pair_planes(self) -> tuple[np.ndarray | None, ...]:
+        """The plane (n, 2) of the computed pair at the initial parameters, of a mode that was measured alone of it."""
+        if not any(group.mates for group in self.matching.groups):
+            return (None,) * len(self.groups)
+        shape = self.model.solve(self.parameters.initial, self.matching.n_mode).shape
+        return tuple(np.linalg.qr(shape[group.rows][:, [*own.computed, *own.mates]])[0] if own.mates else None
+                     for group, own in zip(self.groups, self.matching.groups, strict=True))
 
     def predict(self, theta: np.ndarray) -> np.ndarray:
         """Lambda_M(theta) (n_response,), with what the model is expected to miss."""

@@ -1,11 +1,13 @@
 """What is stated of gravity in the readings, right or wrong, of matrices whose rotations say what it does."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis import stated_gravity
 from probupdate.diagnosis.prepare import prepare
 from probupdate.effects.gravity import CAUSE, gravity_effects
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
@@ -89,3 +91,15 @@ def test_rows_are_by_what_is_stated():
     sensors = [Sensor(channel=c, level="", position_m=(0, 0, z), direction=(1, 0, 0)) for c, z in (("a", 5), ("b", 9))]
     assert [e.location for e in gravity_effects((("a", True), ("b", True)), sensors)] == [
         "all horizontal channels", "a", "b"]
+
+
+
+def test_what_is_not_explained_is_no_sign_of_gravity(beam, monkeypatch):
+    """Beside a lost brace, "gravity: +2.11 +- 0.88, probability 0.89" stood before the cause: residuals of twice their
+    standard deviations move an estimate by as much."""
+    doubtful, data = replace(beam, discrepancy=3e-3), record(beam, feel=True, stated=False)
+    (first,) = probupdate.diagnose(doubtful, data, seed=1, extend=False).findings
+    assert (first.cause, first.prior_probability) == (CAUSE, 0.5) and first.z < 2 * 2.33
+    monkeypatch.setattr(stated_gravity, "residual_of", lambda fitted, n: SimpleNamespace(
+        means=(np.full(8, 2.0), np.eye(8))))
+    assert not probupdate.diagnose(doubtful, data, seed=1, extend=False).findings

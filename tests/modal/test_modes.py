@@ -15,6 +15,7 @@ from probupdate.modal.modes import (
     CovarianceFactors,
     ModalData,
     ModalSet,
+    ModeRecord,
     StoredFactors,
     criteria_within_plane,
     mac,
@@ -418,3 +419,13 @@ def test_sets_of_a_large_file_leave_their_columns_there(tmp_path, monkeypatch):
     write_modes(data_with_factors(("other",)), tmp_path / "m.json")
     with pytest.raises(InputError, match="has changed since"):
         data.sets[0].covariance_factors.load()
+
+
+def test_numbered_modes_that_are_asked_for_are_compared_beside_named_ones():
+    """`diagnose --modes FILE X1,9` left mode 9 out in silence."""
+    one = ModalSet(id="a", frequency_hz=[1.0, 2.0, 3.0], damping_ratio=[0.01] * 3, shape=np.eye(3),
+                   frequency_std_hz=[0.01] * 3, shape_std=np.full((3, 3), 0.01))
+    data = ModalData(channels=("a", "b", "c"), sets=(one,), labels=("X1", "9", "10"), records=tuple(
+        ModeRecord(label=label, match="alike") for label in ("X1", "9", "10")))
+    assert data.compared().labels == ("X1",)
+    assert data.of_labels(["X1", "9"]).compared().labels == ("X1", "9")

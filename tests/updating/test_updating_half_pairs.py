@@ -8,7 +8,7 @@ import pytest
 from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, modal_set, turned
 
 import probupdate
-from probupdate.modal.matching import match
+from probupdate.modal.matching import match, nearest_free
 from probupdate.modal.modes import ModalData, mac
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.model_values import model_values
@@ -175,3 +175,18 @@ def test_sets_with_both_follow_a_set_with_one_at_any_angle():
     assert clusters == [(0,), (2, 3)]
     found = update_sets(ALIKE, data, weights=Weights(), clusters=clusters, iterations=3)
     assert found.ids == tuple(one.id for one in sets)
+
+
+def test_the_mate_stays_the_one_of_the_pair_where_another_mode_comes_nearer():
+    """The maximum lay at a jump of the objective and was not reached; 'check the order of the channels' was said."""
+    plane = np.linalg.qr(np.random.default_rng(2).standard_normal((6, 4)))[0]
+    # own mode, its mate 8 % above, and a third of another shape as far below, or nearer
+    for third in (2.961, 2.959, 3.05):
+        frequency, shape = np.array([[third, 3.2215, 3.4829]]), plane[None, :, [2, 0, 1]]
+        assert nearest_free(frequency, shape, np.array([[1]]), np.array([1]), plane[:, :2])[0] == 2
+    # of equal modes the pair's shapes are any two of its plane
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    shape[0, :, 1:] = shape[0, :, 1:] @ turn
+    assert nearest_free(frequency, shape, np.array([[1]]), np.array([1]), plane[:, :2])[0] == 2
+    # by frequency alone another may be nearer
+    assert nearest_free(frequency, shape, np.array([[1]]), np.array([1]))[0] == 0
