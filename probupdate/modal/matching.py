@@ -65,10 +65,9 @@ class Matching:
     MAC of the computed shape with its best match in the measured plane, and of one of a close pair measured alone that
     with the best combination of both computed ones; rows of NaN for modes not measured.
     `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
-    absent: measured modes of a pair of which the model has the other one alone. uncertain: of modes that are
-    left out as either of two computed ones may be theirs, what is to be said. least_motion: over the measured channels,
-    for unit modal mass: a computed mode that moves them less is none of the measured ones.
-    """
+    absent: measured modes of a pair of which the model has the other one alone. uncertain: of modes left out as either
+    of two computed ones may be theirs, what is to be said. least_motion: over the measured channels, for unit modal
+    mass: a computed mode that moves them less is none of the measured ones."""
 
     groups: tuple[ModeGroup, ...]
     criterion: np.ndarray
@@ -98,12 +97,10 @@ def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
     row = {name: k for k, name in enumerate(model.channels)}
     missing = [name for name in channels if name not in row]
     if missing:
-        raise InputError(
-            f"channel {missing[0]}",
-            f"is in the measured modes but not in the model{'' if model.name == 'model' else f' {model.name}'} "
-            f"({len(missing)} of {len(channels)} missing)",
-            "name the model's channels as the data's, or load the model with the campaign's sensors",
-        )
+        raise InputError(f"channel {missing[0]}", "is in the measured modes but not in the model"
+                         f"{'' if model.name == 'model' else f' {model.name}'} ({len(missing)} of {len(channels)} "
+                         "missing)", "name the model's channels as the data's, or load the model with the campaign's "
+                         "sensors")
     return np.array([row[name] for name in channels], int)
 
 
@@ -312,8 +309,7 @@ def _clusters_above_least_mac(
     left_out: list[str] = []
     name, where, min_mac = x.name, x.where, x.min_mac
     for cluster in x.clusters:
-        names = " and ".join(name[j] for j in cluster)
-        alone = [name[j] for j in cluster if j not in partner]
+        names, alone = " and ".join(name[j] for j in cluster), [name[j] for j in cluster if j not in partner]
         if alone:
             left_out.append(f"{names} in {where}: the model has {criterion.shape[1]} modes, "
                             f"and others resemble them better than {' and '.join(alone)}")
@@ -397,18 +393,16 @@ def nearest_free(
 ) -> np.ndarray:
     """Of each of n solutions the mode nearest in frequency to mode `own` (n,) that is not among `taken` (n, n_taken)
     and moves the channels, (n,): `own` itself where there is none. frequency_hz (n, n_mode), shape (n, n_channel,
-    n_mode). `plane` (n_channel, 2), orthonormal: of shapes that the mode is to lie in, beside its frequency: with the
-    parameters another mode may come nearer, and what is compared would jump."""
-    row = np.arange(len(own))
-    visible = np.linalg.norm(shape, axis=1)
-    away = np.abs(frequency_hz - frequency_hz[row, own][:, None])
+    n_mode). `plane` (n_channel, 2), orthonormal: its shape is to lie in it too, as another mode may come nearer."""
+    row, visible = np.arange(len(own)), np.linalg.norm(shape, axis=1)
+    own_hz = frequency_hz[row, own][:, None]
+    away = np.abs(frequency_hz - own_hz)
     if plane is not None:
         within = np.linalg.norm(np.einsum("cp,ncm->npm", plane, shape), axis=1) / np.maximum(visible, 1e-300)
-        # as far as pairs are apart counts as much as a shape that lies out of the plane
-        away = 1 - within**2 + away / (PAIR_GAP * frequency_hz[row, own][:, None])
+        # a pair's distance counts as much as a shape out of the plane
+        away = 1 - within**2 + away / (PAIR_GAP * own_hz)
     away[visible < SEEN * visible[row, own][:, None]] = np.inf
-    away[row[:, None], taken] = np.inf
-    away[row, own] = np.inf
+    away[row[:, None], np.column_stack([taken, own])] = np.inf
     nearest = np.argmin(away, axis=1)
     return np.where(np.isfinite(away[row, nearest]), nearest, own)
 
