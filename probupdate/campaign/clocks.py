@@ -39,9 +39,9 @@ MOTION_STD_S = {True: 0.0005, False: 0.003}
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Delays:
     """delay_s (n_channel,) how late each channel is against the median of those it can be compared with, NaN where
-    none; std_s (n_channel,) what coherence, similarity of motion and the pairs' scatter leave open, infinite where a channel moves with
-    compared ones, more than there are such as itself, and its phase against them is no clock's; group (n_channel,)
-    number of the set of channels that are compared with one another, -1 for none."""
+    none; std_s (n_channel,) what coherence, similarity of motion and the pairs' scatter leave open, infinite where a
+    channel moves with compared ones, more than there are such as itself, and its phase against them is no clock's;
+    group (n_channel,) number of the set of channels that are compared with one another, -1 for none."""
 
     delay_s: np.ndarray
     std_s: np.ndarray

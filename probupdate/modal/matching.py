@@ -395,12 +395,11 @@ def nearest_free(
     and moves the channels, (n,): `own` itself where there is none. frequency_hz (n, n_mode), shape (n, n_channel,
     n_mode). `plane` (n_channel, 2), orthonormal: its shape is to lie in it too, as another mode may come nearer."""
     row, visible = np.arange(len(own)), np.linalg.norm(shape, axis=1)
-    own_hz = frequency_hz[row, own][:, None]
-    away = np.abs(frequency_hz - own_hz)
+    away = np.abs(frequency_hz / frequency_hz[row, own][:, None] - 1)
     if plane is not None:
         within = np.linalg.norm(np.einsum("cp,ncm->npm", plane, shape), axis=1) / np.maximum(visible, 1e-300)
         # a pair's distance counts as much as a shape out of the plane
-        away = 1 - within**2 + away / (PAIR_GAP * own_hz)
+        away = 1 - within**2 + away / PAIR_GAP
     away[visible < SEEN * visible[row, own][:, None]] = np.inf
     away[row[:, None], np.column_stack([taken, own])] = np.inf
     nearest = np.argmin(away, axis=1)
