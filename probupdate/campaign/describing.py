@@ -63,7 +63,22 @@ def describe_records(raw: str | Path, out: str | Path) -> Translation:
     at = f"{' and '.join(rates)} Hz" if rates else "an unknown rate"
     note = (f"{plural(len(seen), 'channel')} at {at}; fill in every \"{BLANK}\": "
             f"`probupdate check {out.parent}` names those that are left")
-    return Translation(files=(out, beside), notes=(note,))
+    return Translation(files=(out, beside), notes=(note, *_other_columns(kind, paths)))
+
+
+def _other_columns(kind: str, paths: Sequence[Path]) -> list[str]:
+    """What to say of tables that have other columns than the first, as those of a second logger."""
+    if kind not in TABULAR:
+        return []
+    first, *others = [(path, _layout_of(path).names) for path in paths]
+    different = [(path, names) for path, names in others if set(names or ()) != set(first[1] or ())]
+    if not different:
+        return []
+    path, names = different[0]
+    own = [without_unit(n) for n in names or () if n not in (first[1] or ())]
+    return [f"{len(different)} of {len(paths)} files have other columns than {first[0].name} ({path.name}: "
+            f"{', '.join(own[:4])}{', ...' if len(own) > 4 else ''}), which are not described: join the loggers' "
+            "tables of one time into one by their time first, or convert each logger into a campaign of its own"]
 
 
 def _files(raw: Path) -> list[Path]:

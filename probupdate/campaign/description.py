@@ -105,7 +105,8 @@ class Description:
         if self.columns[what] != what:
             return f"correct [columns] in {self.path.name}"
         return (f"correct channel of its [[sensor]] in campaign.toml, or name its column in {self.path.name}: "
-                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...")
+                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...; where another logger's file of that time has "
+                "it, join both tables into one first")
 
 
 def read_description(path: str | Path, channels: tuple[str, ...]) -> Description:

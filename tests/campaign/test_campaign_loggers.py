@@ -538,3 +538,15 @@ def test_a_text_that_is_no_table_is_not_described(tmp_path, capsys, content):
     out = tmp_path / "c" / "campaign.toml"
     assert main(["convert", "--describe", str(tmp_path / "raw.csv"), "--out", str(out)]) == 2
     assert "has no rows of numbers" in capsys.readouterr().err
+
+
+def test_a_second_loggers_table_is_not_left_out_in_silence(tmp_path, capsys):
+    """Half of the channels had been described, without a word, and conversion asked to rename the others."""
+    raw = tmp_path / "raw"
+    raw.mkdir()
+    for name, channels in (("L1_00", "A1,A2"), ("L1_01", "A1,A2"), ("L2_00", "B1,B2")):
+        rows = [f"2024-05-01T00:00:{0.1 * k:04.1f},{0.01 * k},{0.02 * k}" for k in range(40)]
+        (raw / f"{name}.csv").write_text("\n".join([f"time,{channels}", *rows]) + "\n")
+    assert main(["convert", "--describe", str(raw), "--out", str(tmp_path / "campaign.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "1 of 3 files have other columns than L1_00.csv (L2_00.csv: B1, B2)" in said and "join the loggers'" in said
