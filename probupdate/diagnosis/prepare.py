@@ -20,6 +20,7 @@ from probupdate.effects.gravity import gravity_effects
 from probupdate.effects.places import with_places
 from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
+from probupdate.modal.matching import APART
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
@@ -33,9 +34,8 @@ from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import lying_doubt
 from probupdate.structure.subdyn_model import is_subdyn, resting_angle_deg, turns_nacelle
 
-# modes looked through for the measured ones: so many, and more where modes are measured above these, whose frequencies
-# the model may have so much too low
-N_MODE, MOST_MODES, REACH = 7, 20, 0.25
+# modes looked through for the measured ones: so many, and up to the other where modes are measured above these
+N_MODE, MOST_MODES = 7, 20
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,10 +142,11 @@ def prepare(
 
 
 def modes_up_to(model: AffineModel, highest_hz: float) -> int:
-    """How many of the model's modes are looked through for measured ones up to that frequency."""
+    """How many of the model's modes are looked through for measured ones up to that frequency, of which the model may
+    have too high ones."""
     most = min(MOST_MODES, model.n_available)
     known = model.solve(model.parameters.initial, most).frequency_hz
-    return int(np.clip(np.count_nonzero(known <= (1 + REACH) * highest_hz), min(N_MODE, most), most))
+    return int(np.clip(np.count_nonzero(known <= np.exp(APART) * highest_hz), min(N_MODE, most), most))
 
 
 def _observed_effects(effects: Sequence[Effect], channels: Sequence[str]) -> Iterator[Effect]:

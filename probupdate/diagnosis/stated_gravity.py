@@ -16,10 +16,9 @@ from probupdate.diagnosis.adequacy import residual_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.engine.verdict import CHANCE, SURE
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding
+from probupdate.diagnosis.search import FALSE_NEXT
 from probupdate.effects.gravity import ALL, CAUSE
 
-# false alarms of this one test
-FALSE_ALARM = 0.01
 # least share of a signature's length that is its own
 LEAST_LEFT = 1e-3
 
@@ -41,7 +40,7 @@ def with_gravity_test(outcome: Outcome, found: Diagnosis) -> Diagnosis:
         size, std = float(score[k] * std**2), unexplained * std
         # ln of the evidence of size 1 over that of size 0, both alike before
         wrong = float(special.expit((2 * size - 1) / (2 * std**2)))
-        if size / std > stats.norm.isf(FALSE_ALARM) and wrong > 0.5:
+        if size / std > stats.norm.isf(FALSE_NEXT) and wrong > 0.5:
             chance = Alternative(cause=CHANCE, location="", posterior_probability=1 - wrong, key=CHANCE)
             findings.append(Finding(
                 kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std,

@@ -38,7 +38,7 @@ ODDS, MODEL_ERROR, IMPROBABLE = 1000.0, 0.02, 4.0
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
-OR_NULL = ", or leave one out: null for its frequency_hz in every set"
+OR_NULL = ", or leave one out: list the other modes' labels behind the file of --modes"
 # measured shapes this much alike are one shape within what shapes are measured to
 SAME = 0.95
 # computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
