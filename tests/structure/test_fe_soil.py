@@ -170,11 +170,13 @@ def test_axial_pile(tip, exact, validation):
 
 def test_pile_head_of_the_turbine_by_its_own_assembly(raw, validation):
     """k_z from the whole frame's pile against the closed form where the soil is made constant with depth."""
-    # under an absurd overburden alpha is 1 and p_u 9 s_u D from the seabed down
-    raw["soil"] = {"submerged_unit_weight_npm3": 1e12, "strain_50": 0.01, "matlock_j": 0.0,
+    raw["soil"] = {"submerged_unit_weight_npm3": 9e3, "strain_50": 0.01, "matlock_j": 0.0,
                    "undrained_shear_strength_pa": {"at_mudline": 60e3, "gradient_per_m": 0.0}}
     raw["jacket"]["bottom"]["z_m"] = -20.0
     description = parse_description(raw, "model.toml")
+    # under an absurd overburden, which no file may state, alpha is 1 and p_u 9 s_u D from the seabed down
+    heavy = description.soil.model_copy(update={"submerged_unit_weight_npm3": 1e12})
+    description = description.model_copy(update={"soil": heavy})
     values = {**description.values, "sc": 0.0}
     heads = pile_head_stiffness(build_frame(description), updated=(), values=values, theory="bernoulli-euler")
     tube = beam.Tube(diameter_m=1.6, thickness_m=0.04)
