@@ -193,7 +193,8 @@ def search_maxima(problem: Problem, found: Laplace, rng: np.random.Generator) ->
             if k is not None:
                 visits[k] += 1
         probable = _with_mass(kept)
-        alone = sum(visits[k] == 1 for k in probable) / (number * N_START)
+        # of those that settled, where any did but for the one that was known
+        alone = sum(visits[k] == 1 for k in probable) / max(sum(visits) - 2, 1)
         if alone <= UNSEEN:
             break
     return tuple(kept[k] for k in probable), number * N_START, alone
