@@ -38,7 +38,7 @@ from probupdate.lifetime.load_estimate import (
     wind_cases,
 )
 from probupdate.lifetime.modal_stress import paired_moments
-from probupdate.lifetime.spectral import ORDERS, rainflow, ranges
+from probupdate.lifetime.spectral import ORDERS, RECORD_S, counted_share, rainflow, ranges
 from probupdate.lifetime.stress import Case, StressModel
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
@@ -58,7 +58,6 @@ DRAWN_GROUPS = 4
 LOST = 1e-3
 # variance of a spot's stress that the sensors must resolve: the rest then adds at most 5 % to its ranges
 OBSERVABLE = 0.9
-TEN_MINUTES_S = 600.0
 RESAMPLED = 400
 # on stress ranges, for the power with which damage grows
 FACTOR = 1.02
@@ -471,7 +470,8 @@ class _Group:
         at, w = weights(self.work.spots)
         by_detail, count = stress.reshape(len(self.work.details), 3, -1), np.empty(len(at))
         for k in range(len(by_detail)):
-            count[at == k] = _line_count(np.abs(w[at == k].astype(np.float32) @ by_detail[k]) ** 2)
+            power = np.abs(w[at == k].astype(np.float32) @ by_detail[k]) ** 2
+            count[at == k] = _line_count(counted_share(one.of.frequency_hz) * power)
         count /= resolved**2
         power = np.log(self._damage(total, FACTOR) / self._damage(total)) / np.log(FACTOR)
         return BlockStress(
@@ -556,9 +556,9 @@ class _Group:
 
     def _counted_damage(self, record: np.ndarray, of_spots: np.ndarray, worst: np.ndarray, rate: float) -> np.ndarray:
         f = self.of.frequency_hz
-        power = np.abs(of_spots) ** 2
+        power = counted_share(f) * np.abs(of_spots) ** 2
         moments, counts = np.array([np.sum(f**k * power, axis=1) for k in ORDERS]) * (f[1] - f[0]), _line_count(power)
-        ten = round(TEN_MINUTES_S * rate)
+        ten = round(RECORD_S * rate)
         found = []
         for j, k in enumerate(worst):
             spot = self.work.spots[k]
@@ -582,8 +582,9 @@ def _spread(planned: Sequence[_PlannedBlock], n: int) -> list[_PlannedBlock]:
 
 
 def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(14, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k."""
-    return paired_moments(stress, (f[1] - f[0]) * f ** np.array(ORDERS)[:, None])
+    """(14, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k, of what
+    ten-minute records count."""
+    return paired_moments(stress, (f[1] - f[0]) * counted_share(f) * f ** np.array(ORDERS)[:, None])
 
 
 def _line_count(power: np.ndarray) -> np.ndarray:
@@ -604,7 +605,7 @@ def _unresolved_moments(one: Smoother, n_detail: int, every: int = 6) -> np.ndar
     lines = np.arange(0, len(f), every)
     step, total = f[1] - f[0], np.zeros((len(ORDERS), n_detail, 3, 3))
     # what a line stands for
-    width = np.minimum(every, len(f) - lines) * step
+    width = np.minimum(every, len(f) - lines) * step * counted_share(f[lines])
     for start in range(0, len(lines), 128):
         own = lines[start : start + 128]
         T = one.of.unit_stress(own)

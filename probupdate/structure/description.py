@@ -116,7 +116,7 @@ class Pile(Table):
 
 
 class Strength(Table):
-    at_mudline: Positive
+    at_mudline: NotNegative
     gradient_per_m: NotNegative
 
 

@@ -51,7 +51,7 @@ def _check_walls(d: Description) -> Iterator[Mistake]:
 
 
 # undrained shear strength, Pa, ten metres down: below it no clay stands, above it is rock; at the mudline, where a
-# profile from nothing may begin
+# profile may begin at 0
 LEAST_STRENGTH_PA, MOST_STRENGTH_PA, LEAST_AT_MUDLINE_PA = 1000.0, 1e6, 200.0
 # tube, grout and pile of a connection fit into one another within this, m
 GAP_M = 0.02
@@ -82,9 +82,9 @@ def _check_units(d: Description) -> Iterator[Mistake]:
             yield key, f"{said} less than {LEAST_STRENGTH_PA:g} Pa ten metres down", "give Pa, not kPa"
         elif deep > MOST_STRENGTH_PA:
             yield key, f"{said} more than {MOST_STRENGTH_PA:g} Pa ten metres down", "give clay's in Pa; rock has others"
-        elif strength.at_mudline < LEAST_AT_MUDLINE_PA:
+        elif 0 < strength.at_mudline < LEAST_AT_MUDLINE_PA:
             yield (f"{key}.at_mudline", f"{strength.at_mudline:g} is less than {LEAST_AT_MUDLINE_PA:g} Pa",
-                   "give Pa, not kPa; clay without strength at the mudline, 500")
+                   "give Pa, not kPa, or 0 where its strength begins at nothing")
 
 
 def _check_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mistake]:

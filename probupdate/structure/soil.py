@@ -62,9 +62,10 @@ def shaft_friction(clay: Clay, depth, scour=0.0):
     """t_max in Pa: alpha s_u with alpha = 0.5 psi^-0.5 (psi <= 1) or 0.5 psi^-0.25, at most 1; psi = s_u / sigma'_v."""
     strength = clay.strength(depth)
     overburden = clay.submerged_unit_weight_npm3 * (depth - scour)
-    psi = strength / overburden
-    alpha = np.where(np.real(psi) <= 1, 0.5 * psi**-0.5, 0.5 * psi**-0.25)
-    return lesser(alpha, np.ones_like(alpha)) * strength
+    # alpha s_u, which is defined where clay has no strength
+    soft = np.real(strength) <= np.real(overburden)
+    friction = 0.5 * np.where(soft, np.sqrt(strength * overburden), strength**0.75 * overburden**0.25)
+    return lesser(friction, strength)
 
 
 def axial_stiffness(clay: Clay, depth, scour=0.0):

@@ -17,6 +17,8 @@ from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.gauges import Gauges, read_gauges
 from probupdate.lifetime.load_estimate import loaded_structure, smoother, used_lines, wind_cases
+from probupdate.lifetime.measured_stress import _moments
+from probupdate.lifetime.spectral import ORDERS
 from probupdate.reporting import built_section
 from probupdate.reporting.values import Run
 from probupdate.structure.description_file import parse_description
@@ -265,6 +267,19 @@ def test_a_cycle_of_one_size_does_the_damage_of_that_size(written, validation):
         for k, m in enumerate((3, 5)):
             expected = 2 * abs(hand_stress(AMPLITUDE)) * SLOW_HZ ** (1 / m)
             row.error(blocks["equivalent_mpa"][:, k, weld] / expected - 1, below=0.04)
+
+
+def test_slow_lines_count_what_ten_minute_records_close():
+    """As in `fatigue`: of a cycle as slow as the record 0.92 of its variance."""
+    rng = np.random.default_rng(11)
+    _, f = used_lines(int(RATE * 600), RATE)
+    lines = drawn(rng, 3, len(f)) / f
+    lines[:, -1] = 0
+    found = _moments(f, lines)[:, 0]
+    share = 1 - 0.08 / (600 * f)
+    assert share[0] == pytest.approx(0.92, rel=1e-12)
+    expected = [np.sum(f**k * share * np.abs(lines[1]) ** 2) * f[0] for k in ORDERS]
+    assert found[:, 1, 1] == pytest.approx(np.array(expected), rel=1e-5)
 
 
 def test_a_run_with_stresses_shows_them_in_its_report(written, tmp_path):

@@ -162,6 +162,23 @@ def test_finite_pile_and_the_convergence_of_consistent_springs(validation):
     row.error(rate - 4, below=0.2, of="exponent")
 
 
+def test_strength_from_nothing_at_the_mudline(raw):
+    """Normally consolidated clay: s_u = k z, so that psi, and with it alpha, is one number."""
+    clay = soil.Clay(submerged_unit_weight_npm3=5e3, strength_at_mudline_pa=0.0, strength_gradient_papm=1500.0,
+                     strain_50=0.02, matlock_j=0.5)
+    z = np.array([0.0, 1.0, 20.0])
+    assert soil.shaft_friction(clay, z) == pytest.approx(0.5 * (1500 / 5e3) ** -0.5 * 1500 * z, rel=1e-12)
+    soft = []
+    for strength in (0.0, 200.0):
+        raw["soil"]["undrained_shear_strength_pa"] = {"at_mudline": strength, "gradient_per_m": 1500.0}
+        description = parse_description(raw, "model.toml")
+        heads = pile_head_stiffness(build_frame(description), updated=(), values={**description.values, "sc": 0.0},
+                                    theory="bernoulli-euler")
+        soft.append([heads[name](np.empty(0)) for name in ("k_xy", "k_z")])
+    # 200 Pa are what the clay has 13 cm down
+    assert np.all(np.isfinite(soft)) and soft[0] == pytest.approx(soft[1], rel=0.03)
+
+
 @pytest.mark.parametrize(("tip", "exact"), [(2e8, 9.693886e8), (0.0, 8.245606e8)])
 def test_axial_pile(tip, exact, validation):
     row = validation(what="axial pile, with and without tip", reference="closed form", why="mesh")
