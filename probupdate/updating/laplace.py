@@ -185,8 +185,9 @@ def search_maxima(problem: Problem, found: Laplace, rng: np.random.Generator) ->
     has found; how many starts it took, and that probability: the share of starts that were alone in their maximum
     (Good 1953)."""
     # the one that is known was reached before
-    kept, visits = [found], [2]
-    for number in range(1, MOST_ROUNDS + 1):
+    kept, visits, started = [found], [2], 0
+    for _ in range(MOST_ROUNDS):
+        started += N_START
         for start in problem.parameters.draw(rng, N_START):
             k = _reached(problem, start, kept)
             visits += [0] * (len(kept) - len(visits))
@@ -197,7 +198,7 @@ def search_maxima(problem: Problem, found: Laplace, rng: np.random.Generator) ->
         alone = sum(visits[k] == 1 for k in probable) / max(sum(visits) - 2, 1)
         if alone <= UNSEEN:
             break
-    return tuple(kept[k] for k in probable), number * N_START, alone
+    return tuple(kept[k] for k in probable), started, alone
 
 
 def _reached(problem: Problem, start: np.ndarray, kept: list[Laplace]) -> int | None:
