@@ -464,7 +464,7 @@ class _Group:
             return None
         one, open_moments = self._smoother(whole, lines)
         stress = one.of.stress(one.estimate(lines))
-        seen = self._moments_at_spots(_moments(one.of.frequency_hz, stress))
+        seen = self._moments_at_spots(record_moments(one.of.frequency_hz, stress))
         total = seen + self._moments_at_spots(open_moments)
         own, resolved = ranges(np.maximum(total, 1e-300)), seen[0] / total[0]
         at, w = weights(self.work.spots)
@@ -518,7 +518,7 @@ class _Group:
                 if key not in made:
                     made[key] = smoother(of, self._cross(key, lines), self.work.channel_rows(whole))
                 seen = made[key].of.stress(made[key].estimate(lines))
-                total += self._damage(self._moments_at_spots(_moments(of.frequency_hz, seen)))
+                total += self._damage(self._moments_at_spots(record_moments(of.frequency_hz, seen)))
             return total
 
         middle = damage(self.of)
@@ -581,7 +581,7 @@ def _spread(planned: Sequence[_PlannedBlock], n: int) -> list[_PlannedBlock]:
     return [planned[k] for k in at]
 
 
-def _moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+def record_moments(f: np.ndarray, stress: np.ndarray) -> np.ndarray:
     """(14, n_detail, 3, 3) of lines (3 n_detail, n_line) of densities' roots: sums over the lines of f^k, of what
     ten-minute records count."""
     return paired_moments(stress, (f[1] - f[0]) * counted_share(f) * f ** np.array(ORDERS)[:, None])

@@ -17,7 +17,7 @@ from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.gauges import Gauges, read_gauges
 from probupdate.lifetime.load_estimate import loaded_structure, smoother, used_lines, wind_cases
-from probupdate.lifetime.measured_stress import _moments
+from probupdate.lifetime.measured_stress import record_moments
 from probupdate.lifetime.spectral import ORDERS
 from probupdate.reporting import built_section
 from probupdate.reporting.values import Run
@@ -275,7 +275,7 @@ def test_slow_lines_count_what_ten_minute_records_close():
     _, f = used_lines(int(RATE * 600), RATE)
     lines = drawn(rng, 3, len(f)) / f
     lines[:, -1] = 0
-    found = _moments(f, lines)[:, 0]
+    found = record_moments(f, lines)[:, 0]
     share = 1 - 0.08 / (600 * f)
     assert share[0] == pytest.approx(0.92, rel=1e-12)
     expected = [np.sum(f**k * share * np.abs(lines[1]) ** 2) * f[0] for k in ORDERS]
