@@ -245,7 +245,7 @@ def further_modes(records: Sequence[ModeRecord]) -> list[ModeRecord]:
 
 def further_modes_left_out(records: Sequence[ModeRecord]) -> list[str]:
     """Why an update leaves these out: a sentence each, of many one for all."""
-    end = "not of interest; --every-mode takes those that are alike"
+    end = "not surely the model's; --every-mode takes those that are alike"
     if len(records) > MOST_SINGLE:
         return [f"{len(records)} modes, {_list_words(records)}: {end} "
                 "(frequencies and MAC in the file of the modal sets)"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from probupdate.modal.long_axis import horizontal_axes, spans
 from probupdate.modal.sensor_places import sensors_by_height, sensors_by_place
-from probupdate.modal.sets import Sensor
+from probupdate.modal.sets import LOCAL, Sensor
 from probupdate.modal.shape_criteria import mac
 from probupdate.runtime.arrays import frozen_array
 
@@ -153,7 +153,7 @@ def number_labels(
         i, own, close = j - 1, kind[j], apart[j] < OBLIQUE_GAP
         if own == kind[i] and own < 2 and close and max(share[k, 1 - own] for k in (i, j)) > OBLIQUE:
             kind[i if share[i, 1 - own] > share[j, 1 - own] else j] = 1 - own
-    names, count = (*families, "L"), dict.fromkeys(range(len(families) + 1), 0)
+    names, count = (*families, LOCAL), dict.fromkeys(range(len(families) + 1), 0)
     labels = []
     for k in map(int, kind):
         count[k] += 1

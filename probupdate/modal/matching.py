@@ -12,13 +12,16 @@ from probupdate.errors import InputError
 from probupdate.modal.frequency_pairs import pair_in_order, refuse_another_unit
 from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
-from probupdate.modal.shape_criteria import criteria_within_plane, mac, rotate_to_real, subspace_mac
+from probupdate.modal.shape_criteria import criteria_within_plane, mac, rotate_to_real, share_within, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
 # measured modes whose frequencies differ by less than this share of their mean are compared as a plane: within it the
 # single shapes turn into each other with the noise
 PAIR_GAP = 0.10
+# of a pair of which one was measured: farther apart, a local error turns a shape by less than frequencies tell, and the
+# frequency of a combination would be wrong by more (`mixing` states the turn)
+HALF_GAP = 0.05
 # shapes of close modes whose least direction is less than this of the largest span no plane
 NO_PLANE = 1e-3
 # below this criterion a computed mode is not taken for a measured one
@@ -379,10 +382,10 @@ def _mates(
         i, other = partner[j], {*partner.values(), *found.values()}
         k = int(nearest_free(frequency_hz[None], computed[None], np.array([[*other - {i}]], int),
                              np.array([i]))[0])
-        if k == i or _share_within(computed[:, k], computed[:, [i]]) >= SAME:
+        if k == i or share_within(computed[:, k], computed[:, [i]]) >= SAME:
             continue
-        close = abs(frequency_hz[k] - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz[k] + frequency_hz[i])
-        turned = j in labelled or _share_within(measured[:, j], computed[:, [k]]) >= TURNED
+        close = abs(frequency_hz[k] - frequency_hz[i]) < HALF_GAP * 0.5 * (frequency_hz[k] + frequency_hz[i])
+        turned = j in labelled or share_within(measured[:, j], computed[:, [k]]) >= TURNED
         if j in halves or close and turned:
             found[j] = k
     return found
@@ -404,13 +407,6 @@ def nearest_free(
     away[row[:, None], np.column_stack([taken, own])] = np.inf
     nearest = np.argmin(away, axis=1)
     return np.where(np.isfinite(away[row, nearest]), nearest, own)
-
-
-def _share_within(shape: np.ndarray, plane: np.ndarray) -> float:
-    """The share of the shape (n_channel,) squared that lies within the plane (n_channel, n): of one column, the MAC."""
-    known = np.isfinite(shape)
-    left = shape[known] - plane[known] @ np.linalg.lstsq(plane[known], shape[known], rcond=None)[0]
-    return float(1 - left @ left / (shape[known] @ shape[known]))
 
 
 def _halves_note(where: str, mates, partner, name, frequency_hz) -> list[str]:
@@ -497,7 +493,7 @@ def _group_partners(x: _Comparison, partner: dict[int, int]) -> _Grouping:
     mates = _mates(x.clusters, partner, x.known, x.measured, x.computed, x.computed_hz) if x.planes else {}
     criterion = np.array(x.criterion)
     for j, k in mates.items():
-        criterion[j, [partner[j], k]] = _share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
+        criterion[j, [partner[j], k]] = share_within(x.measured[:, j], x.computed[:, [partner[j], k]])
     groups, unlike = _clusters_above_least_mac(x, partner, mates, criterion)
     halves = _halves_note(x.where, mates, partner, x.name, x.computed_hz)
     return _Grouping(partner=partner, criterion=criterion, groups=tuple(groups), left_out=(*halves, *unlike))

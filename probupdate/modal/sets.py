@@ -30,6 +30,11 @@ OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular veloci
 NOT_STATED = frozen_array(())
 # no sensor is farther from the origin of its model
 FARTHEST_M = 1e7
+# label of a member's own modes
+LOCAL = "L"
+# of a measured mode that is surely one of the model's: as in common practice MAC from 0.9 and frequencies within 10 %,
+# and no other candidate
+SURE_PROBABILITY, SURE_MAC, SURE_DEVIATION = 0.95, 0.9, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -336,6 +341,16 @@ class ModeRecord:
     frequency_ratio_std: float = np.nan
     alternatives: tuple[tuple[str, float], ...] = ()
 
+    @property
+    def is_surely_matched(self) -> bool:
+        """Whether it is beyond doubt one mode of the model, so that it is compared though nobody asked for it: found in
+        most blocks, single, with no other candidate, as alike and as near as modes are usually paired. A member's own
+        mode is not: it depends on joints and water that a global model does not describe."""
+        label, probability = next(iter(self.alternatives), ("", 0.0))
+        return (self.match == "alike" and not self.pair and label == self.model_label
+                and not label.startswith(LOCAL) and probability >= SURE_PROBABILITY and self.mac >= SURE_MAC
+                and abs(self.frequency_ratio - 1) <= SURE_DEVIATION and 2 * self.found > self.blocks)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMode:
@@ -497,11 +512,13 @@ class ModalData:
         return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
 
     def compared(self, every: bool = False) -> ModalData:
-        """The modes that are compared with a model: those of interest, by their names; with `every` also those that
-        have a number but look like another mode of the model. All, where no identification says what they are."""
+        """The modes that are compared with a model: those of interest, by their names, and numbered ones that are
+        surely another mode of the model; with `every` all that look like one. All, where no identification says what
+        they are."""
         if not any(r.match for r in self.records):
             return self
-        kept = [j for j, r in enumerate(self.records) if not r.label.isdigit() or (every and r.match == "alike")]
+        kept = [j for j, r in enumerate(self.records)
+                if not r.label.isdigit() or r.is_surely_matched or (every and r.match == "alike")]
         return self if len(kept) in (0, self.n_mode) else self.of_modes(kept)
 
     def set(self, id: str | None = None) -> ModalSet:

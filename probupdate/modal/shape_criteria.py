@@ -131,3 +131,10 @@ def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
     score = np.nan_to_num(criterion, nan=-1.0)
     rows, columns = optimize.linear_sum_assignment(-score)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]
+
+
+def share_within(shape: np.ndarray, plane: np.ndarray) -> float:
+    """The share of the shape (n_channel,) squared that lies within the plane (n_channel, n): of one column, the MAC."""
+    known = np.isfinite(shape)
+    left = shape[known] - plane[known] @ np.linalg.lstsq(plane[known], shape[known], rcond=None)[0]
+    return float(1 - left @ left / (shape[known] @ shape[known]))

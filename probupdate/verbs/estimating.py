@@ -121,8 +121,19 @@ class Case:
             weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
             return cls(data=data, joint=joint, model_at=model_at, weights=weights)
 
+        named = [j for j, label in enumerate(data.labels) if not label.isdigit()]
+        unasked = not every_mode and not likelihood.modes and 0 < len(named) < data.n_mode and any(
+            r.match for r in data.records)
         try:
             return weighed(data)
+        except InputError as error:
+            # nobody asked for the numbered modes
+            if not unasked:
+                raise
+            case = weighed(data.of_modes(named))
+            numbers = ", ".join(label for label in data.labels if label.isdigit())
+            words = f"{numbers} left out, though alike to modes of the model: with them {error.problem}"
+            return replace(case, joint=replace(case.joint, notes=(*case.joint.notes, words)))
         except ConvergenceError as error:
             # as a mode of uncertain pairing is, where most modes stay
             kept = [j for j in range(data.n_mode) if j not in error.modes]

@@ -153,12 +153,25 @@ def test_records_are_written_read_and_chosen_by(tmp_path):
     assert plain.compared() is plain and verbs.unmatched_sentences(plain) == {"left out": (), "taken": ()}
 
 
+@pytest.mark.parametrize(("change", "compared"), [
+    ({}, True), ({"mac": 0.8}, False), ({"frequency_ratio": 1.3}, False), ({"found": 2}, False),
+    ({"pair": True}, False),
+    ({"alternatives": (("FA3", 0.6), ("SS3", 0.4))}, False), ({"alternatives": (("SS3", 0.99),)}, False),
+    ({"model_label": "L3", "alternatives": (("L3", 0.99),)}, False)])
+def test_a_numbered_mode_that_is_surely_the_models_is_compared(change, compared):
+    *first, further = records()
+    sure = {"alternatives": (("FA3", 0.99),), "frequency_ratio": 0.95, "mac": 0.95} | change
+    data = data_of((*first, replace(further, **sure)))
+    assert ("4" in data.compared().labels) == compared
+    assert any(text.startswith("4 (") for text in verbs.unmatched_sentences(data)["left out"]) != compared
+
+
 def test_many_further_modes_are_one_line_and_a_double_is_no_stranger():
     first, _, none, alike = records()
     many = tuple(replace(alike, label=str(k), model_label=f"M{k}") for k in (2, 3, 4))
     data = replace(data_of((first, *many)), labels=("FA1", "2", "3", "4"), model_only=())
     (line,) = verbs.unmatched_sentences(data)["left out"]
-    assert line.startswith("3 modes, 2, 3, 4, which are the model's M2, M3, M4: not of interest; --every-mode")
+    assert line.startswith("3 modes, 2, 3, 4, which are the model's M2, M3, M4: not surely the model's; --every-mode")
     double = replace(none, alternatives=(("FA1", 0.99),))
     data = replace(data, records=(first, *many[:1], double, *many[2:]))
     line, *_ = verbs.unmatched_sentences(data)["left out"]

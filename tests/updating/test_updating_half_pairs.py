@@ -8,8 +8,9 @@ import pytest
 from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, modal_set, turned
 
 import probupdate
+from probupdate.errors import InputError
 from probupdate.modal.matching import match, nearest_free
-from probupdate.modal.modes import ModalData, mac
+from probupdate.modal.modes import ModalData, ModeRecord, mac
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.model_values import model_values
 from probupdate.structure.functions import FunctionModel
@@ -45,6 +46,37 @@ def test_such_a_mode_has_a_mate_by_other_sets_labels_or_its_own_turn():
     assert all(not g.mates for g in match(straight, solution, ROWS).groups)
     # every shape by its own components, as in the paper
     assert all(not g.mates for g in match(bent, solution, ROWS, planes=False).groups)
+
+
+def test_modes_seven_per_cent_apart_are_no_pair_of_which_one_was_measured():
+    far, near = (match(without(measured_chain(model=model), 1, 0.4).sets[0], model.solve(CHAIN_TRUTH, 10), ROWS)
+                 for model in (chain_model(asymmetry=0.2), chain_model()))
+    assert not any(g.mates for g in far.groups) and near.groups[0].mates == (1,)
+
+
+def test_a_numbered_mode_that_cannot_be_paired_is_left_out_with_a_word(monkeypatch):
+    data = measured_chain(noise=0.002)
+    known = {"match": "alike", "mac": 0.99, "frequency_ratio": 1.0, "found": 9, "blocks": 9}
+    names = {"FA1": "FA1", "SS1": "SS1", "FA2": "FA2", "4": "SS2"}
+    records = tuple(ModeRecord(label=label, model_label=own, alternatives=((own, 1.0),), **known)
+                    for label, own in names.items())
+    data = replace(data, labels=tuple(names), records=records)
+    assert "4" in probupdate.update(chain_model(), data).labels
+    stated_for = probupdate.LikelihoodSettings.stated_for
+
+    def refuse_fourth(self, model, data, **options):
+        if "4" in data.labels:
+            raise InputError("set one, 4", "two pairings with the model match equally well", "leave one out")
+        return stated_for(self, model, data, **options)
+
+    monkeypatch.setattr(probupdate.LikelihoodSettings, "stated_for", refuse_fourth)
+    record, alone = (probupdate.update(chain_model(), one)
+                     for one in (data, replace(data.of_modes([0, 1, 2]), records=())))
+    assert record.map_theta == pytest.approx(alone.map_theta, rel=1e-9)
+    assert any("4 left out, though alike to modes of the model: with them two pairings" in text
+               for text in (*record.left_out, *map(str, record.settings.values())))
+    with pytest.raises(InputError, match="two pairings"):
+        probupdate.update(chain_model(), data, every_mode=True)
 
 
 def test_a_mate_is_no_other_measured_modes_own():
