@@ -149,7 +149,7 @@ class _AlignedRecord:
                 continue
             speed = self._shifted_column(column, shift)
             gain = self._line_heights(level, speed) - own
-            gain = gain[np.isfinite(gain) & (np.abs(speed / stated - 1) > STEADIEST)]
+            gain = gain[np.isfinite(gain) & (np.abs(speed - stated) > STEADIEST * np.abs(stated))]
             if len(gain) < FEWEST_ROWS // 2 or not (t := np.sqrt(len(gain)) * gain.mean() / gain.std()) > best[0]:
                 continue
             minutes = shift * ROW_MINUTES

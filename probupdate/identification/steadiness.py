@@ -1,9 +1,9 @@
-"""Whether a mode's amplitude varies as under random forces, or is kept up by a machine or a limit cycle.
+"""Whether a mode's amplitude varies as under random forces, or as a machine or a limit cycle has it.
 
 The squared amplitude of a narrow-band Gaussian motion is exponentially distributed, so that its mean square is twice
 its squared mean; of a steady oscillation both are equal (the spectral kurtosis; Antoni 2006). A share s of the power
-that is steady gives 2 - s^2. Random forces that grow and fade give more than 2. What keeps its amplitude says nothing
-of the structure's damping.
+that is steady gives 2 - s^2. Random forces that grow and fade give more than 2, of all modes alike; a line that runs a
+share d of the time gives 1 / d, of that mode alone. Neither says anything of the structure's damping.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from probupdate.modal.modes import ModalData
 WIDE, LINES = 4.0, 4
 # a mode with half its power steady has 1.75; asked of those that have less than this
 STEADY = 1.6
+# a line that runs two thirds of the time has this over that of a steady one; asked of a mode over the other modes' median
+BURSTS, FEWEST_OTHERS = 1.5, 2
 # blocks from which their own scatter is taken, and its multiples that the mean lies below that of random forces
 OWN_SCATTER, SURE = 6, 3.0
 # damping ratios below this state too little of how often an amplitude changes
@@ -59,7 +61,7 @@ def of_steady_modes(
 ) -> list[str]:
     """Sentences on modes that keep their amplitude; all (n_block, n_mode), NaN where a mode was not found."""
     said = []
-    for name, of_mode, hz, zeta in zip(names, kurtosis.T, frequency_hz.T, damping_ratio.T, strict=True):
+    for j, (name, of_mode, hz, zeta) in enumerate(zip(names, kurtosis.T, frequency_hz.T, damping_ratio.T, strict=True)):
         there = np.isfinite(of_mode)
         if not there.any():
             continue
@@ -74,7 +76,29 @@ def of_steady_modes(
                 f"{name} at {f:.4g} Hz keeps its amplitude (mean square of its power over squared mean {mean:.2f}; 2 "
                 "under random forces, 1 of a steady line): a machine's line or a limit cycle is in it, and its damping "
                 "is not the structure's")
+        beside = _of_others(kurtosis, j)
+        both = there & np.isfinite(beside)
+        if both.any() and _in_bursts(np.log(of_mode[both] / beside[both]), count):
+            said.append(
+                f"{name} at {f:.4g} Hz comes and goes where other modes do not (mean square of its power over squared "
+                f"mean {np.median(of_mode[both]):.2g}, of the others {np.median(beside[both]):.2g}): a machine that runs "
+                "at times, or a force in bursts; its damping may not be the structure's")
     return said
+
+
+def _of_others(kurtosis: np.ndarray, mode: int) -> np.ndarray:
+    """(n_block,) the median of the other modes, NaN where fewer than FEWEST_OTHERS were found."""
+    others = np.delete(kurtosis, mode, axis=1)
+    enough = np.isfinite(others).sum(axis=1) >= FEWEST_OTHERS
+    found = np.full(len(kurtosis), np.nan)
+    found[enough] = np.nanmedian(others[enough], axis=1)
+    return found
+
+
+def _in_bursts(log_ratio: np.ndarray, count: float) -> bool:
+    """Whether a mode's kurtosis over the others' (n_block,), of `count` amplitudes a block, is surely over BURSTS."""
+    std = np.std(log_ratio, ddof=1) if len(log_ratio) >= OWN_SCATTER else 1 / np.sqrt(count)
+    return bool(np.mean(log_ratio) - SURE * std / np.sqrt(len(log_ratio)) > np.log(BURSTS))
 
 
 def of_vague_modes(data: ModalData, seconds: float) -> list[str]:

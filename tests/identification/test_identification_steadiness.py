@@ -6,7 +6,7 @@ import pytest
 from scipy import signal
 
 import probupdate
-from probupdate.identification.steadiness import amplitude_kurtosis, of_vague_modes
+from probupdate.identification.steadiness import amplitude_kurtosis, of_steady_modes, of_vague_modes
 from probupdate.modal.modes import ModalData, ModalSet
 
 RATE = 5.0
@@ -54,6 +54,31 @@ def test_a_limit_cycle_is_said_of_its_mode_alone(tmp_path, steady):
     settings = probupdate.IdentificationSettings(rate_hz=RATE, order=8, block_rows=20)
     notes = [n for n in probupdate.identify(tmp_path, settings=settings).notes if "keeps its amplitude" in n]
     assert [n[:9] for n in notes] == ["1 at 0.40"] * bool(steady)
+
+
+def kurtosis_of_record(on, fade, seed, line_hz=0.7):
+    """(1, 3) of half an hour of the two modes, and of a line of 0.7 Hz that runs a share `on` of the time; `fade`: by
+    how much all forces grow and fade, in standard deviations of ln."""
+    rng, n = np.random.default_rng([seed, 7]), round(1800 * RATE)
+    y = motion(1800, 0.0, seed)
+    first = rng.integers(0, n - round(on * n) + 1)
+    line = np.zeros(n)
+    line[first : first + round(on * n)] = 1
+    line *= np.cos(2 * np.pi * line_hz * np.arange(n) / RATE)
+    y += 0.3 * np.outer(line, [0.2, 1.0, 0.4])
+    y *= np.exp(fade * np.interp(np.arange(n), np.linspace(0, n, 13), rng.standard_normal(13)))[:, None]
+    f, shape = np.append(FREQUENCY, line_hz), np.column_stack([SHAPE, [0.2, 1.0, 0.4]])
+    return amplitude_kurtosis(y, RATE, f, np.array([0.01, 0.01, 0.003]), shape)
+
+
+@pytest.mark.parametrize(("on", "fade", "said"), [(0.1, 0.0, ["3 at 0.7 Hz"]), (0.3, 0.0, ["3 at 0.7 Hz"]),
+                                                  (1.0, 0.0, []), (0.0, 0.0, []), (0.0, 0.7, [])])
+def test_a_line_that_runs_at_times_is_said_of_its_mode_alone(on, fade, said):
+    """Forces that grow and fade move all modes alike: of noise at 0.7 Hz too."""
+    found = np.array([kurtosis_of_record(on, fade, seed) for seed in range(8)])
+    f = np.broadcast_to(np.append(FREQUENCY, 0.7), found.shape)
+    notes = of_steady_modes(["1", "2", "3"], found, f, np.full(found.shape, 0.01), 1800.0)
+    assert [note.split(" comes")[0] for note in notes if "comes and goes" in note] == said
 
 
 @pytest.mark.parametrize(("std_hz", "said"), [(0.0020, False), (0.0070, True)])
