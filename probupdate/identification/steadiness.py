@@ -20,7 +20,7 @@ from probupdate.modal.modes import ModalData
 WIDE, LINES = 4.0, 4
 # a mode with half its power steady has 1.75; asked of those that have less than this
 STEADY = 1.6
-# a line that runs two thirds of the time has this over that of a steady one; asked of a mode over the other modes' median
+# a line that runs two thirds of the time has this over a steady one; asked of a mode over the other modes' median
 BURSTS, FEWEST_OTHERS = 1.5, 2
 # blocks from which their own scatter is taken, and its multiples that the mean lies below that of random forces
 OWN_SCATTER, SURE = 6, 3.0
@@ -81,8 +81,8 @@ def of_steady_modes(
         if both.any() and _in_bursts(np.log(of_mode[both] / beside[both]), count):
             said.append(
                 f"{name} at {f:.4g} Hz comes and goes where other modes do not (mean square of its power over squared "
-                f"mean {np.median(of_mode[both]):.2g}, of the others {np.median(beside[both]):.2g}): a machine that runs "
-                "at times, or a force in bursts; its damping may not be the structure's")
+                f"mean {np.median(of_mode[both]):.2g}, of the others {np.median(beside[both]):.2g}): a machine that "
+                "runs at times, or a force in bursts; its damping may not be the structure's")
     return said
 
 
