@@ -511,14 +511,14 @@ class ModalData:
                                  "give a share, such as 0.005")
         return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
 
-    def compared(self, every: bool = False) -> ModalData:
-        """The modes that are compared with a model: those of interest, by their names, and numbered ones that are
-        surely another mode of the model; with `every` all that look like one. All, where no identification says what
-        they are."""
+    def compared(self, every: bool = False, sure: bool = False) -> ModalData:
+        """The modes that are compared with a model: those of interest, by their names; with `sure` also numbered ones
+        that are surely another mode of the model, with `every` all that look like one. All, where no identification
+        says what they are."""
         if not any(r.match for r in self.records):
             return self
         kept = [j for j, r in enumerate(self.records)
-                if not r.label.isdigit() or r.is_surely_matched or (every and r.match == "alike")]
+                if not r.label.isdigit() or (sure and r.is_surely_matched) or (every and r.match == "alike")]
         return self if len(kept) in (0, self.n_mode) else self.of_modes(kept)
 
     def set(self, id: str | None = None) -> ModalSet:

@@ -30,7 +30,7 @@ N_PLAIN = 6
 def compared_modes(data: ModalData | None, update: UpdateRecord | None) -> ModalData | None:
     """The measured modes that stand beside the model's: those of the update, or those that one would take."""
     if data is None or update is None or not data.labels or not set(update.labels) <= set(data.labels):
-        return None if data is None else data.compared()
+        return None if data is None else data.compared(sure=True)
     return data.of_modes([data.labels.index(label) for label in update.labels])
 
 

@@ -54,7 +54,7 @@ def chosen_modes(
 ) -> ModalData:
     """Of all sets the modes that are compared with a model: those of these labels where some are chosen."""
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
-    return whole.of_labels(only) if only else whole.compared(every_mode)
+    return whole.of_labels(only) if only else whole.compared(every_mode, sure=True)
 
 
 def compared_modes(
