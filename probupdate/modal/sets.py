@@ -509,7 +509,14 @@ class ModalData:
                 raise InputError(name, f"{share:g} is no share between 0 and 1",
                                  f"give a share, such as {0.01 * share:g} for {share:g} %" if 1 <= share < 100 else
                                  "give a share, such as 0.005")
-        return replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
+        given = replace(self, sets=tuple(s.with_std(frequency, shape) for s in self.sets))
+        for name, share, stated, kind in (("frequency_std", frequency, "frequency_std_hz", "frequency"),
+                                          ("shape_std", shape, "shape_std", "shape")):
+            if share is not None and all(np.array_equal(getattr(one, stated), getattr(two, stated), equal_nan=True)
+                                         for one, two in zip(self.sets, given.sets, strict=True)):
+                raise InputError(name, f"would do nothing: no {kind} lacks a standard deviation above zero",
+                                 f"leave it out, or write null for the {stated} that it is to replace")
+        return given
 
     def compared(self, every: bool = False, sure: bool = False) -> ModalData:
         """The modes that are compared with a model: those of interest, by their names; with `sure` also numbered ones

@@ -41,3 +41,15 @@ def test_a_scatter_in_per_cent_is_refused_with_its_share(tmp_path, frame_file, r
     code, _ = command(tmp_path, frame_file, record, option, share)
     said = capsys.readouterr().err
     assert code == 2 and f"{share} is no share" in said and remedy in said
+
+
+@pytest.mark.parametrize(("stated", "option", "kind"), [
+    ((0.003, 0.01), "--frequency-std", "frequency"), ((0.003, 0.01), "--shape-std", "shape"),
+    ((None, None), "--shape-std", None)])
+def test_a_scatter_that_replaces_nothing_is_refused(tmp_path, frame_file, record, capsys, stated, option, kind):
+    data = record(4).with_std(*stated)
+    write_modes(data, tmp_path / "modes.json")
+    code = main(["diagnose", "--model", str(frame_file), "--modes", str(tmp_path / "modes.json"), "--no-extend",
+                 *(["--shapes", "none"] if kind is None else []), "--out", str(tmp_path / "d.json"), option, "0.05"])
+    said = capsys.readouterr().err
+    assert code == 2 and f"no {kind or 'shape'} lacks a standard deviation above zero" in said
