@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,13 @@ from probupdate.campaign.blocks import (
     block_starts,
     read_block,
 )
-from probupdate.campaign.clocks import Delays, delays, drifts, far_delays, put_in_time
+from probupdate.campaign.clocks import Delays, apart, delays, drifts, far_delays, put_in_time
 from probupdate.campaign.expected import expected_suspicions, is_expected
 from probupdate.campaign.far_clocks import far_clock
 from probupdate.campaign.findings import (
     LEAST_DELAY_S,
     ComparedBlock,
+    apart_findings,
     channel_findings,
     clock_findings,
     mounting_findings,
@@ -37,7 +39,7 @@ from probupdate.campaign.findings import (
 )
 from probupdate.campaign.gain_steps import FEWEST_PIECES, number_of_lines, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
-from probupdate.campaign.mounting import Suspicion, is_upright, lowest_motion_hz, suspicions
+from probupdate.campaign.mounting import DEAD, Suspicion, is_upright, lowest_motion_hz, suspicions
 from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import name_levels
@@ -75,6 +77,8 @@ USES = {
 }
 # channels are compared with one another in so many blocks, evenly spread over a longer campaign
 MOST_COMPARED = 240
+# and in so many where modes are identified whatever their clocks
+FEW_COMPARED = 6
 # the units of channels in so many, as each block says the same
 MOST_SPECTRA = 24
 # of a channel's samples, from which it is compared with others
@@ -215,8 +219,8 @@ def compare_block(
     in_time = _check_in_time(block.data[:, usable], rate, sensors, _rotor_bands(conditions))
     if in_time is None:
         return None
-    data, spectra, clocks = np.full(block.data.shape, np.nan), in_time.spectra, np.full((3, n), np.nan)
-    data[:, usable], clocks[:, usable] = in_time.data, (in_time.delay_s, in_time.std_s, in_time.drift)
+    data, spectra, clocks = np.full(block.data.shape, np.nan), in_time.spectra, np.full((4, n), np.nan)
+    data[:, usable], clocks[:, usable] = in_time.data, (in_time.delay_s, in_time.std_s, in_time.drift, in_time.apart)
     moves = np.flatnonzero(np.einsum("fii->i", np.real(spectra.density)) > 0)
     lowest = lowest_motion_hz(spectra, sensors, [int(k) for k in moves])
     kept = ()
@@ -226,21 +230,22 @@ def compare_block(
         kept = tuple(parts_of_block(block.id, data, rate, campaign.sensors, usable, pieces,
                                     number_of_lines(n, n_compared * pieces)))
     return ComparedBlock(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
-                         delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], pieces=kept,
+                         delay_s=clocks[0], delay_std_s=clocks[1], drift=clocks[2], apart=clocks[3] == 1, pieces=kept,
                          lowest_hz=np.nan if lowest is None else lowest)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _InTime:
     """A block's channels as right clocks would have recorded them, data (n_sample, n_channel) with their cross-spectra
-    as accelerations, and what was wrong: delay_s in the middle of the block with std_s, drift in s per s, (n_channel,).
-    """
+    as accelerations, and what was wrong: delay_s in the middle of the block with std_s, drift in s per s, and what is
+    `apart` from the others, (n_channel,)."""
 
     data: np.ndarray
     spectra: CrossSpectra
     delay_s: np.ndarray
     std_s: np.ndarray
     drift: np.ndarray
+    apart: np.ndarray
 
 
 def _check_in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], avoid_hz: np.ndarray) -> _InTime | None:
@@ -256,7 +261,8 @@ def _check_in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], a
     if (found := compared(data)) is None:
         return None
     drift, far, moved = np.zeros(len(sensors)), np.zeros(len(sensors)), data
-    if (alone := np.isnan(found[1].delay_s)).any() and not alone.all():
+    alone = np.isnan(found[1].delay_s) | apart(found[1], sensors)
+    if alone.any() and not alone.all():
         drift = np.nan_to_num(drifts(data, rate, 0.4 * rate, sensors, alone))
         far = np.where(drift == 0, np.nan_to_num(far_delays(data, rate, sensors, alone)), 0.0)
         if drift.any() or far.any():
@@ -272,7 +278,8 @@ def _check_in_time(data: np.ndarray, rate: float, sensors: tuple[Sensor, ...], a
         # as a channel that does not move: nothing is known of its sign beside the others
         sound = np.where(lost, 0.0, 1.0)
         spectra = replace(spectra, density=frozen_array(spectra.density * np.outer(sound, sound), complex))
-    return _InTime(data=moved, spectra=spectra, delay_s=late.delay_s, std_s=late.std_s, drift=drift)
+    return _InTime(data=moved, spectra=spectra, delay_s=late.delay_s, std_s=late.std_s, drift=drift,
+                   apart=apart(late, sensors))
 
 
 def _rotor_bands(conditions: Mapping) -> np.ndarray:
@@ -288,6 +295,28 @@ def _suspicions_by_channel(campaign: Campaign, found: ComparedBlock | None) -> l
     if found is None:
         return [""] * len(campaign.sensors)
     return [", ".join(s.kind for s in found.suspicions if c in s.channels) for c in campaign.channels]
+
+
+def _lone_findings(campaign: Campaign, compared, mentioned: Sequence[str], away: Collection[str]) -> list[str]:
+    """`mounting_findings` and `apart_findings`, with the clock or the rate by which a channel fits the others."""
+    found = mounting_findings(compared, mentioned, away, lambda channel: far_clock(campaign, channel))
+    return [*found, *apart_findings(compared, campaign.channels, found, away, partial(far_clock, campaign))]
+
+
+def suspected_clocks(campaign: Campaign) -> list[str]:
+    """What `check` would say of clocks and of channels that have nothing in common with others, by a few blocks."""
+    files = block_files(campaign)
+    compared = []
+    for start in list(files)[:: -(-len(files) // FEW_COMPARED)]:
+        block = read_block(campaign, start, files[start])
+        conditions = block_conditions(campaign.scada, block.start, block.minutes, StateRule())
+        found = compare_block(campaign, block, "", conditions, channel_table(block, campaign.channels))
+        if found is not None:
+            compared.append(replace(found, suspicions=tuple(s for s in found.suspicions if s.kind == DEAD)))
+    away = runaway_clocks(compared, campaign.channels)
+    lone = _lone_findings(campaign, compared, [], away)
+    return [*lone, *phase_findings(compared, campaign.channels, lone, away),
+            *clock_findings(compared, campaign.channels)[0]]
 
 
 def suspected_time(campaign: Campaign) -> list[str]:
@@ -315,7 +344,7 @@ def _findings(
     rates, rate_use = rate_findings(campaign, ratio)
     # what is late by seconds has no gain against the others, and may have nothing in common with them
     away = runaway_clocks(compared, campaign.channels)
-    single += mounting_findings(compared, single, away, lambda channel: far_clock(campaign, channel))
+    single += _lone_findings(campaign, compared, single, away)
     single += phase_findings(compared, campaign.channels, single, away)
     measured, able = sensor_findings(campaign, compared, sways, single)
     measured = [f for f in measured if f.channel not in away]

@@ -157,6 +157,15 @@ def far_delays(data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], want
     return found
 
 
+def apart(late: Delays, sensors: Sequence[Sensor]) -> np.ndarray:
+    """(n_channel,) bool: channels that could be compared with some of a larger group, and move with none of it: the
+    only one of its logger, or several that move with one another."""
+    # groups are numbered by size
+    rank = np.where(late.group < 0, len(sensors), late.group)
+    return np.array([any(other < own and are_comparable(a, b) for b, other in zip(sensors, rank, strict=True))
+                     for a, own in zip(sensors, rank, strict=True)], bool)
+
+
 def put_in_time(data: np.ndarray, rate_hz: float, delay_s: np.ndarray, drift: np.ndarray) -> np.ndarray:
     """Data (n_sample, n_channel) with the channels of which a delay in the middle of the block, or a drift, is not zero
     as a right clock would have recorded them; lost where they recorded nothing."""

@@ -4,6 +4,8 @@ phase correlation over the whole record, or another sampling rate, by that of a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from scipy import fft, ndimage
@@ -23,10 +25,12 @@ LARGEST_RATIO, STEP, PIECE, LENGTHS = 0.05, 5e-4, 4096, 8
 LEAST_RATIO = 2e-3
 
 
-def far_clock(campaign: Campaign, channel: str) -> str:
-    """Words on how the channel's record fits those of its direction, '' where it fits at no time and no rate."""
+def far_clock(campaign: Campaign, channel: str, lone: Sequence[str] = ()) -> str:
+    """Words on how the channel's record fits those of its direction that are not `lone` too, '' where it fits at no
+    time and no rate."""
     k = campaign.channels.index(channel)
-    partners = [j for j, s in enumerate(campaign.sensors) if j != k and are_comparable(s, campaign.sensors[k])]
+    partners = [j for j, s in enumerate(campaign.sensors) if j != k and s.channel not in lone
+                and are_comparable(s, campaign.sensors[k])]
     partners = partners[:: max(-(-len(partners) // MOST_PARTNERS), 1)]
     if not partners:
         return ""
@@ -35,7 +39,7 @@ def far_clock(campaign: Campaign, channel: str) -> str:
         # whichever way modes move partners, by less than a second
         minutes, rest = divmod(round(abs(late)), 60)
         apart = " ".join(f"{n} {unit}" for n, unit in ((minutes // 60, "h"), (minutes % 60, "min"), (rest, "s"))
-                         if n or unit == "s")
+                         if n)
         sense = "later" if late > 0 else "earlier"
         return (f"what happens stands {apart} {sense} in it than in the others: a clock or a time "
                 "zone of its own? Put its times right and convert it again, or leave it out")

@@ -57,8 +57,8 @@ GRAVITY_SPREAD = 0.3
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComparedBlock:
     """One block whose channels were compared: its suspicions, delays (n_channel,) with their standard deviations, in s,
-    drifts (s per s; zero where a delay was followed without), the frequency of its lowest motion and its cross-spectra
-    in one or several pieces."""
+    drifts (s per s; zero where a delay was followed without), which of them move with none they could be compared with
+    (`clocks.apart`), the frequency of its lowest motion and its cross-spectra in one or several pieces."""
 
     id: str
     start: pd.Timestamp
@@ -67,6 +67,7 @@ class ComparedBlock:
     delay_s: np.ndarray
     delay_std_s: np.ndarray
     drift: np.ndarray
+    apart: np.ndarray
     lowest_hz: float = float("nan")
     pieces: tuple[Piece, ...] = ()
 
@@ -216,6 +217,22 @@ def mounting_findings(
                 where += f"; {OR_STRUCTURE}"
         found.append(f"{sentence} ({where})")
     return found
+
+
+def apart_findings(
+    compared: Sequence[ComparedBlock], channels: Sequence[str], mentioned: Sequence[str], away: Collection[str],
+    cause: Callable[[str, Sequence[str]], str],
+) -> list[str]:
+    """Sentences on channels that in more than half of the blocks move with none of the others that they could be
+    compared with, where `cause`, of a channel and all of them, has words on why; but those `mentioned` or `away`."""
+    share = np.mean([b.apart for b in compared], axis=0) if compared else ()
+    lone = [name for name, own in zip(channels, share, strict=bool(compared)) if own > 0.5]
+    each: dict[str, list[str]] = {}
+    for name in lone:
+        if name not in away and not any(name in said for said in mentioned) and (why := cause(name, lone)):
+            each.setdefault(why, []).append(name)
+    return [f"suspect: {', '.join(names)} {'have' if len(names) > 1 else 'has'} nothing in common with the other "
+            f"channels of their direction, yet {why}" for why, names in each.items()]
 
 
 def _returns(numbers: Sequence[int], total: int) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.campaign.checking import suspected_time
+from probupdate.campaign.checking import suspected_clocks, suspected_time
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, read_scada
 from probupdate.campaign.usable import lacking_notes, left_out_notes
@@ -107,7 +107,7 @@ def identify(
                               jobs=jobs, progress=progress)
     said = [*sought.lowest_note(found.data.records), *sought.notes, *said, *unexplained_peaks(peaks, found.data),
             *left_out_notes(opened.left_out),
-            *suspected_time(opened)]
+            *suspected_time(opened), *suspected_clocks(opened)]
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
@@ -160,7 +160,7 @@ def identify_setups(
     merged = identify_campaigns(opened, names, reference=sought.modes, others=sought.others, channels=channels,
                                 settings=chosen, store=store, jobs=jobs, progress=progress)
     own = [f"{name}: {text}" for name, one in zip(names, opened, strict=True)
-           for text in (*left_out_notes(one.left_out), *suspected_time(one))]
+           for text in (*left_out_notes(one.left_out), *suspected_time(one), *suspected_clocks(one))]
     return replace(merged, summary="\n".join([merged.summary, *sought.lowest_note(merged.data.records),
                                                          *sought.notes, *said,
                                                          *unexplained_peaks(peaks, merged.data), *own]))

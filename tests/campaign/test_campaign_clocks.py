@@ -11,6 +11,7 @@ from probupdate.campaign.checking import check
 from probupdate.campaign.findings import ComparedBlock, clock_findings, mounting_findings, runaway_clocks
 from probupdate.campaign.mounting import DEAD, Suspicion
 from probupdate.campaign.reading import read_campaign
+from probupdate.verbs.identifying import identify
 
 CHANNELS = ("a", "b", "c")
 
@@ -24,7 +25,8 @@ def blocks(ppm, n=48, seed=0):
         start = pd.Timestamp("2024-05-01T00:00Z") + k * pd.Timedelta(minutes=30)
         found.append(ComparedBlock(id=start.strftime("%H:%M"), start=start, state="unknown", suspicions=(), pieces=(),
                                    delay_s=np.array([0.0, seen, 0.001]) + 0.001 * rng.standard_normal(3),
-                                   delay_std_s=np.full(3, 0.002), drift=np.zeros(3), lowest_hz=0.3))
+                                   delay_std_s=np.full(3, 0.002), drift=np.zeros(3),
+                                   apart=np.zeros(3, bool), lowest_hz=0.3))
     return found
 
 
@@ -108,7 +110,7 @@ LONG = HEAD.replace("block_minutes = 10", "block_minutes = 12")
 
 
 @pytest.mark.parametrize(("late_s", "faster", "words"), [
-    (900.0, 0.0, "F4 has nothing in common with any other channel, yet what happens stands 15 min 0 s later"),
+    (900.0, 0.0, "F4 has nothing in common with any other channel, yet what happens stands 15 min later"),
     (0.0, 0.013, "what happens stands in it at 0.987 times"), (0.0, -0.03, "what happens stands in it at 1.030 times"),
 ])
 def test_a_clock_far_off_and_another_rate_are_named(campaign_folder, storeys, late_s, faster, words):
@@ -116,6 +118,22 @@ def test_a_clock_far_off_and_another_rate_are_named(campaign_folder, storeys, la
     y = record(late_s + faster * t)
     found = check(read_campaign(campaign_folder([(0, y)], head=LONG))).findings
     assert any(words in text for text in found) and not any("looks dead" in text for text in found)
+
+
+def test_a_logger_of_its_own_far_off_is_one_finding_of_both_steps(campaign_folder, storeys):
+    """Its channels move with one another, so that none looks dead; modes would be found twice."""
+    record, _ = storeys
+    y = record(0.0)
+    y[:, [1, 3]] = np.roll(y[:, [1, 3]], 9000, axis=0)
+    folder = campaign_folder([(0, y)], head=LONG)
+    words = "suspect: F2, F4 have nothing in common with the other channels of their direction, yet what happens stands"
+    assert [t[: len(words) + 7] for t in check(read_campaign(folder)).findings if "F2" in t] == [f"{words} 15 min"]
+    assert any(t.startswith(words) for t in identify(folder).notes)
+
+
+def test_a_sound_record_is_identified_without_a_word_on_clocks(campaign_folder, storeys):
+    folder = campaign_folder([(0, storeys[0](0.0))], head=LONG)
+    assert not [t for t in identify(folder).notes if "clock" in t or t.startswith("suspect")]
 
 
 def test_a_channel_of_noise_fits_at_no_time_and_no_rate(campaign_folder, storeys):
