@@ -148,7 +148,8 @@ def block_starts(campaign: Campaign) -> list[pd.Timestamp]:
 
 
 def blocks(campaign: Campaign, minutes: float | None = None) -> Iterator[Block]:
-    """Every block in order, read as it is asked for. Where files overlap, the one that starts first holds."""
+    """Every block in order, read as it is asked for. Where files overlap, the one that starts first holds,
+    and what it lost is taken from the other."""
     for start, files in block_files(campaign, minutes).items():
         yield read_block(campaign, start, files, minutes)
 
@@ -223,12 +224,14 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         data = np.full((n_sample, len(campaign.sensors)), np.nan)
         for first, piece in pieces:
             rows = slice(first, first + len(piece))
-            free = ~covered[rows]
-            data[rows][free] = piece[free]
-            if not free.all():
+            # of several loggers each has its own channels, and the others' are lost there
+            here = data[rows]
+            both = np.isfinite(here) & np.isfinite(piece)
+            if both.any():
                 # one sample of two files may have one place by rounding
-                same = (~free).sum() == 1 or np.array_equal(data[rows][~free], piece[~free], equal_nan=True)
+                same = both.any(axis=1).sum() == 1 or np.array_equal(here[both], piece[both])
                 notes.append(OVERLAP if same else CONTRADICTION)
+            data[rows] = np.where(np.isnan(here), piece, here)
             covered[rows] = True
     if np.any(campaign.unit_factor != 1):
         data *= campaign.unit_factor

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy import ndimage
 
-from probupdate.campaign.description import Description, read_description
+from probupdate.campaign.clocks import put_in_time
+from probupdate.campaign.description import Description, read_descriptions
 from probupdate.campaign.logger_channels import OFFSET, SAME_VALUE
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import WAIT, CampaignHead, channels_attribute, read_head
@@ -34,6 +36,9 @@ RECORD = "converted.json"
 UNFINISHED = "unfinished"
 # columns that are named of those not used
 MOST_NAMED = 12
+# of a sample, by which a logger's samples may miss the grid; samples over which what a spline takes beyond an end
+# decays to a thousandth (its largest pole is 0.43)
+ON_GRID, SPLINE = 0.01, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,22 +68,20 @@ def convert(
     """Write acceleration/*.h5 of the campaign from the files below `sources` that its convert.toml describes.
 
     campaign holds campaign.toml (which names the channels, in order, and the rate) and, unless `description` names
-    another, convert.toml. Each source is done whole and entered in acceleration/converted.json: a run that was killed
+    another, convert.toml. Of several loggers each has files of its own, in which the others' channels are lost, on the
+    campaign's grid of times: blocks join them. Each source is done whole and entered in acceleration/converted.json: a run that was killed
     goes on with the source it was at, and a source that changed since is refused, as is any file in the way. Gaps up to
     fill_seconds become NaN, longer ones another file. Raises InputError for irregular sampling, another rate, times
     that run back, a zone that is not stated, and whatever else would have to be guessed.
     """
     sources, campaign = Path(sources), Path(campaign)
     head = read_head(campaign / "campaign.toml")
-    described = read_description(description or campaign / "convert.toml", head.channels)
-    found = _group_sources(sources, described)
+    loggers = read_descriptions(description or campaign / "convert.toml", head.channels)
+    found = [(paths, described) for described in loggers for paths in _group_sources(sources, described)]
     folder = campaign / "acceleration"
     folder.mkdir(exist_ok=True)
     remove_stale(folder)
     record = _read_record(folder / RECORD)
-    # whether overlaps are taken as they are changes no file
-    same = replace(described, path=Path(), overrule=tuple(w for w in described.overrule if w != "overlap"))
-    words = repr((same, head.channels, head.sampling_rate_hz)).encode()
     written: list[Path] = []
     kept: list[Path] = []
     notes: list[tuple[pd.Timestamp, list[str]]] = []
@@ -86,11 +89,15 @@ def convert(
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
     above = sources if sources.is_dir() else sources.parent
-    named = {" + ".join(p.relative_to(above).as_posix() for p in paths): paths for paths in found}
-    for number, (name, paths) in enumerate(named.items()):
+    named = {" + ".join(p.relative_to(above).as_posix() for p in paths): (paths, d) for paths, d in found}
+    if len(named) < len(found):
+        twice = next(paths for paths, d in found if named[" + ".join(
+            p.relative_to(above).as_posix() for p in paths)][1] is not d)
+        raise InputError(str(twice[0]), "is a file of two loggers", "give each [[logger]] a pattern of its own files")
+    for number, (name, (paths, described)) in enumerate(named.items()):
         progress("converting files", number, len(found))
         before = [_state(p) for p in paths]
-        key = _key(paths, words)
+        key = _key(paths, _words(described, head))
         entry, removed = record.get(name), []
         if entry is not None and entry.get(UNFINISHED):
             removed = _remove_leftover_files(folder, name, entry["key"], key)
@@ -111,9 +118,10 @@ def convert(
         record[name] = {"key": key, "files": [], "samples": 0, "spans": [], UNFINISHED: True}
         _write_record(folder / RECORD, record)
         outputs, count, said, own, left = _read_source(paths, name, described, head, folder, key)
+        rivals = [one for one in spans if named[one[2]][1] is described]
         unused.update(left)
         _refuse_changed(paths, before, outputs)
-        joined = _overlap_sentence(own, outputs, spans, folder, record, described.overrule, head.sampling_rate_hz,
+        joined = _overlap_sentence(own, outputs, rivals, folder, record, described.overrule, head.sampling_rate_hz,
                            str(paths[0]))
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
                         "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}
@@ -125,6 +133,12 @@ def convert(
     progress("converting files", len(found), len(found))
     return Conversion(files=tuple(sorted(written)), kept=tuple(sorted(kept)), samples=samples,
                       notes=(*_notes_once(notes), *_unused_words(unused)))
+
+
+def _words(described: Description, head: CampaignHead) -> bytes:
+    """What besides its content decides what becomes of a source; whether overlaps are taken as they are does not."""
+    same = replace(described, path=Path(), overrule=tuple(w for w in described.overrule if w != "overlap"))
+    return repr((same, head.channels, head.sampling_rate_hz)).encode()
 
 
 def _unused_words(unused: Mapping[str, int]) -> list[str]:
@@ -280,9 +294,10 @@ def _hold_same_samples(one: Path, other: Path, since, count: int, rate_hz: float
 
 def _read_source(paths: Sequence[Path], name: str, described: Description, head: CampaignHead, folder: Path, key: str):
     """(files, samples, notes, (start, end) of each, columns not used): the source's samples on the campaign's clock."""
-    path = paths[0]
+    path, every = paths[0], head
+    head = replace(every, sensors=tuple(s for s in every.sensors if s.channel in described.columns))
     clock = file_clock(path, described, head.sampling_rate_hz)
-    writer = _Writer(folder, name, key, head)
+    writer = _Writer(folder, name, key, every, [every.channels.index(c) for c in head.channels])
     own, pieces = open_source(path, described, rate_hz=head.sampling_rate_hz, joined=paths[1:])
     refuse_other_rate(str(path), own, head.sampling_rate_hz, described.overrule)
     factor, words = _factors(path, own, head, described)
@@ -338,8 +353,9 @@ def _refuse_counts(path: str, data: np.ndarray, factor: np.ndarray, head: Campai
 class _Writer:
     """Rows with the start of their chunk, gathered into files of up to FILE_S; each gets its name when complete."""
 
-    def __init__(self, folder: Path, source: str, key: str, head: CampaignHead):
-        self.folder, self.source, self.key, self.head = folder, source, key, head
+    def __init__(self, folder: Path, source: str, key: str, head: CampaignHead, columns: Sequence[int]):
+        """columns: of the campaign's channels those that the source has."""
+        self.folder, self.source, self.key, self.head, self.columns = folder, source, key, head, list(columns)
         self.longest = round(FILE_S * head.sampling_rate_hz)
         self.start: pd.Timestamp | None = None
         self.rows: list[np.ndarray] = []
@@ -371,6 +387,9 @@ class _Writer:
         if not self.size:
             return
         assert self.start is not None, "the first rows begin a chunk"
+        data = np.concatenate(self.rows)
+        if len(self.columns) < len(self.head.channels):
+            data = self._on_grid(data)
         # two sources may start at one time: the key's head distinguishes their files
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():
@@ -379,12 +398,27 @@ class _Writer:
             if not mine:
                 raise InputError(str(path), "already exists and comes from another source", "move it away")
         with new_hdf5(path) as file:
-            data = file.create_dataset("data", data=np.concatenate(self.rows))
-            data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
-            data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
-            data.attrs["channels"] = channels_attribute(self.head.channels)
-            data.attrs["source"], data.attrs["source_key"] = self.source, self.key
+            made = file.create_dataset("data", data=data)
+            made.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
+            made.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
+            made.attrs["channels"] = channels_attribute(self.head.channels)
+            made.attrs["source"], made.attrs["source_key"] = self.source, self.key
         self.files.append(path)
         self.spans.append((self.start, self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)))
         self.count += self.size
         self.rows, self.size = [], 0
+
+    def _on_grid(self, own: np.ndarray) -> np.ndarray:
+        """Samples of one logger of several at the multiples of the campaign's step since 1970, where the others' are
+        put too, in their columns; by splines, and lost beside gaps and ends, which these do not bear."""
+        rate, start = self.head.sampling_rate_hz, self.start
+        first = round(start.value * 1e-9 * rate)
+        self.start = pd.Timestamp(round(first / rate * 1e9), tz="UTC")
+        late = (self.start - start).total_seconds()
+        if abs(late) * rate > ON_GRID:
+            beside = ndimage.binary_dilation(np.isnan(own), np.ones((2 * SPLINE + 1, 1)), border_value=1)
+            own = put_in_time(own.astype(float), rate, np.full(own.shape[1], late), np.zeros(own.shape[1]))
+            own[beside] = np.nan
+        data = np.full((len(own), len(self.head.channels)), np.nan, np.float32)
+        data[:, self.columns] = own
+        return data

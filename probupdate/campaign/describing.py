@@ -77,8 +77,8 @@ def _other_columns(kind: str, paths: Sequence[Path]) -> list[str]:
     path, names = different[0]
     own = [without_unit(n) for n in names or () if n not in (first[1] or ())]
     return [f"{len(different)} of {len(paths)} files have other columns than {first[0].name} ({path.name}: "
-            f"{', '.join(own[:4])}{', ...' if len(own) > 4 else ''}), which are not described: join the loggers' "
-            "tables of one time into one by their time first, or convert each logger into a campaign of its own"]
+            f"{', '.join(own[:4])}{', ...' if len(own) > 4 else ''}), which are not described: of another "
+            "logger? Describe each one's folder, and put both into one convert.toml by a table [[logger]] for each"]
 
 
 def _files(raw: Path) -> list[Path]:

@@ -19,6 +19,7 @@ from probupdate.io.schema import Length, Range, table_as
 
 # unit of a numeric time column -> seconds, or the two programs' day numbers
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}
+LOGGER = "logger"
 DAY_NUMBERS = {"matlab": 719529.0, "excel": 25569.0}
 
 
@@ -105,16 +106,42 @@ class Description:
         if self.columns[what] != what:
             return f"correct [columns] in {self.path.name}"
         return (f"correct channel of its [[sensor]] in campaign.toml, or name its column in {self.path.name}: "
-                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...; where another logger's file of that time has "
-                "it, join both tables into one first")
+                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...; where another logger's files of that time have "
+                "it, give each logger a table [[logger]] with its files and its [logger.columns]")
 
 
-def read_description(path: str | Path, channels: tuple[str, ...]) -> Description:
-    """Read convert.toml. Raises InputError for unknown keys, wrong kinds, a zone that is none, a path that leaves."""
+def read_descriptions(path: str | Path, channels: tuple[str, ...]) -> list[Description]:
+    """Read convert.toml: one description of all channels; or one for each [[logger]], of the channels of its columns,
+    beside keys that hold for all. Raises InputError for unknown keys, wrong kinds, a zone that is none, a path that
+    leaves, and for channels of no logger or of two."""
     path = Path(path)
-    described = table_as(_Written, read_toml(path, absent=(
+    raw = read_toml(path, absent=(
         "`probupdate convert --describe RAW --out NEW/campaign.toml` writes one from your records: copy it and fill in "
-        'every "?", or write it as docs/formats/convert.md has it')), str(path))
+        'every "?", or write it as docs/formats/convert.md has it'))
+    if LOGGER not in raw:
+        return [_description(path, raw, channels, str(path))]
+    common, tables, found = {k: v for k, v in raw.items() if k != LOGGER}, raw[LOGGER], []
+    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+        raise InputError(f"{path}, {LOGGER}", "is not a list of tables", "write [[logger]] above the keys of each")
+    for number, table in enumerate(tables, 1):
+        where = f"{path}, logger {number}"
+        named = table.get("columns")
+        if not isinstance(named, dict) or not named:
+            raise InputError(where, "does not say which channels are its own",
+                             'list them: [logger.columns], then "channel" = "column"')
+        own = tuple(c for c in channels if c in named) or channels
+        found.append(_description(path, common | table, own, where))
+    for channel in channels:
+        if (n := sum(channel in d.columns for d in found)) != 1:
+            raise InputError(f"{path}, {channel}", f"is a column of {'several loggers' if n else 'no logger'}",
+                             "list it in [logger.columns] of the one [[logger]] that recorded it, or take its "
+                             "[[sensor]] out of campaign.toml")
+    return found
+
+
+def _description(path: Path, raw: Mapping, channels: tuple[str, ...], where: str) -> Description:
+    """One table of convert.toml, of these channels."""
+    described = table_as(_Written, raw, where)
     files = described.files
     if PurePosixPath(files).is_absolute() or ".." in PurePosixPath(files).parts or "\\" in files:
         raise InputError(f"{path}, files", f"'{files}' leaves the folder of the sources", "give a pattern below it")

@@ -223,10 +223,10 @@ def apart_findings(
     compared: Sequence[ComparedBlock], channels: Sequence[str], mentioned: Sequence[str], away: Collection[str],
     cause: Callable[[str, Sequence[str]], str],
 ) -> list[str]:
-    """Sentences on channels that in more than half of the blocks move with none of the others that they could be
-    compared with, where `cause`, of a channel and all of them, has words on why; but those `mentioned` or `away`."""
-    share = np.mean([b.apart for b in compared], axis=0) if compared else ()
-    lone = [name for name, own in zip(channels, share, strict=bool(compared)) if own > 0.5]
+    """Sentences on channels that in enough of the blocks move with none of the others that they could be compared
+    with, where `cause`, of a channel and all of them, has words on why; but those `mentioned` or `away`."""
+    lone = [name for c, name in enumerate(channels)
+            if _returns([k for k, b in enumerate(compared) if b.apart[c]], len(compared))]
     each: dict[str, list[str]] = {}
     for name in lone:
         if name not in away and not any(name in said for said in mentioned) and (why := cause(name, lone)):

@@ -227,19 +227,19 @@ def scada(folder: Path) -> Made:
 
 
 def convert_description(folder: Path) -> Made:
-    from probupdate.campaign.description import read_description
+    from probupdate.campaign.description import read_descriptions
 
     path = folder / "convert.toml"
     path.write_text('files = "*.csv"\ntime = "t"\ntime_unit = "s"\nstart_pattern = "_(\\\\d{8})"\n'
                     'start_format = "%Y%m%d"\n'
                     'zone = "UTC"\nlost = [-999.0]\nfill_seconds = 5\n[columns]\na = "A"\n[factor]\na = 2.0\n'
                     .replace('start_pattern = "_(\\\\d{8})"\n', "start_pattern = '_(\\d{8})'\n"))
-    return [path], lambda: read_description(path, ("a", "b"))
+    return [path], lambda: read_descriptions(path, ("a", "b"))
 
 
 def source(suffix: str):
     def make(folder: Path) -> Made:
-        from probupdate.campaign.description import read_description
+        from probupdate.campaign.description import read_descriptions
         from probupdate.campaign.sources import open_source
 
         table = np.random.default_rng(2).standard_normal((500, 3))
@@ -290,7 +290,7 @@ def source(suffix: str):
                 for k, name in enumerate("tab"):
                     file[name] = table[:, k][None]
         (folder / "convert.toml").write_text(described)
-        description = read_description(folder / "convert.toml", ("a",) if suffix == ".sac" else ("a", "b"))
+        description = read_descriptions(folder / "convert.toml", ("a",) if suffix == ".sac" else ("a", "b"))[0]
         return [path], lambda: sum(len(data) for _, data in open_source(path, description, rate_hz=5.0)[1])
 
     return make
