@@ -118,10 +118,10 @@ def convert(
         record[name] = {"key": key, "files": [], "samples": 0, "spans": [], UNFINISHED: True}
         _write_record(folder / RECORD, record)
         outputs, count, said, own, left = _read_source(paths, name, described, head, folder, key)
-        rivals = [one for one in spans if named[one[2]][1] is described]
+        beside = [one for one in spans if named[one[2]][1] is described]
         unused.update(left)
         _refuse_changed(paths, before, outputs)
-        joined = _overlap_sentence(own, outputs, rivals, folder, record, described.overrule, head.sampling_rate_hz,
+        joined = _overlap_sentence(own, outputs, beside, folder, record, described.overrule, head.sampling_rate_hz,
                            str(paths[0]))
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
                         "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}

@@ -571,7 +571,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "zarr": (zarr_campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
     "head": (head, ("campaign.reading.read_head",)),
     "scada": (scada, ("campaign.scada.read_scada",)),
-    "convert": (convert_description, ("campaign.description.read_description",)),
+    "convert": (convert_description, ("campaign.description.read_descriptions",)),
     "csv": (source(".csv"), ("campaign.table_sources.read_csv", "campaign.sources.opened")),
     "npz": (source(".npz"), ("campaign.array_sources.read_npz",)),
     "npy": (source(".npy"), ("campaign.array_sources.read_npy",)),
