@@ -69,15 +69,15 @@ def convert(
 
     campaign holds campaign.toml (which names the channels, in order, and the rate) and, unless `description` names
     another, convert.toml. Of several loggers each has files of its own, in which the others' channels are lost, on the
-    campaign's grid of times: blocks join them. Each source is done whole and entered in acceleration/converted.json: a run that was killed
-    goes on with the source it was at, and a source that changed since is refused, as is any file in the way. Gaps up to
-    fill_seconds become NaN, longer ones another file. Raises InputError for irregular sampling, another rate, times
-    that run back, a zone that is not stated, and whatever else would have to be guessed.
+    campaign's grid of times: blocks join them. Each source is done whole and entered in acceleration/converted.json: a
+    run that was killed goes on with the source it was at, and a source that changed since is refused, as is any file in
+    the way. Gaps up to fill_seconds become NaN, longer ones another file. Raises InputError for irregular sampling,
+    another rate, times that run back, a zone that is not stated, and whatever else would have to be guessed.
     """
     sources, campaign = Path(sources), Path(campaign)
     head = read_head(campaign / "campaign.toml")
     loggers = read_descriptions(description or campaign / "convert.toml", head.channels)
-    found = [(paths, described) for described in loggers for paths in _group_sources(sources, described)]
+    named = _sources_by_name(sources, loggers)
     folder = campaign / "acceleration"
     folder.mkdir(exist_ok=True)
     remove_stale(folder)
@@ -88,14 +88,8 @@ def convert(
     unused: Counter[str] = Counter()
     samples = 0
     spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
-    above = sources if sources.is_dir() else sources.parent
-    named = {" + ".join(p.relative_to(above).as_posix() for p in paths): (paths, d) for paths, d in found}
-    if len(named) < len(found):
-        twice = next(paths for paths, d in found if named[" + ".join(
-            p.relative_to(above).as_posix() for p in paths)][1] is not d)
-        raise InputError(str(twice[0]), "is a file of two loggers", "give each [[logger]] a pattern of its own files")
     for number, (name, (paths, described)) in enumerate(named.items()):
-        progress("converting files", number, len(found))
+        progress("converting files", number, len(named))
         before = [_state(p) for p in paths]
         key = _key(paths, _words(described, head))
         entry, removed = record.get(name), []
@@ -130,9 +124,24 @@ def convert(
         samples += count
         notes.append((own[0][0], [*removed, *said, *joined]))
         spans += [(a, b, name) for a, b in own]
-    progress("converting files", len(found), len(found))
+    progress("converting files", len(named), len(named))
     return Conversion(files=tuple(sorted(written)), kept=tuple(sorted(kept)), samples=samples,
                       notes=(*_notes_once(notes), *_unused_words(unused)))
+
+
+def _sources_by_name(
+    sources: Path, loggers: Sequence[Description]
+) -> dict[str, tuple[tuple[Path, ...], Description]]:
+    """The files of every source and the logger they are of, by what converted.json calls it."""
+    above, named = sources if sources.is_dir() else sources.parent, {}
+    for described in loggers:
+        for paths in _group_sources(sources, described):
+            name = " + ".join(p.relative_to(above).as_posix() for p in paths)
+            if name in named:
+                raise InputError(str(paths[0]), "is a file of two loggers",
+                                 "give each [[logger]] a pattern of its own files")
+            named[name] = paths, described
+    return named
 
 
 def _words(described: Description, head: CampaignHead) -> bytes:

@@ -106,8 +106,8 @@ class Description:
         if self.columns[what] != what:
             return f"correct [columns] in {self.path.name}"
         return (f"correct channel of its [[sensor]] in campaign.toml, or name its column in {self.path.name}: "
-                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...; where another logger's files of that time have "
-                "it, give each logger a table [[logger]] with its files and its [logger.columns]")
+                f"[columns] {json.dumps(what, ensure_ascii=False)} = ...; where another logger's files of that "
+                "time have it, give each logger a table [[logger]] with its files and its [logger.columns]")
 
 
 def read_descriptions(path: str | Path, channels: tuple[str, ...]) -> list[Description]:
