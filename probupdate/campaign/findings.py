@@ -368,6 +368,10 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         text = (f"suspect: the clock of {', '.join(channels[c] for c in group)} is {1e3 * abs(value):.1f} +- "
                 f"{1e3 * spread:.1f} ms {'ahead of' if value > 0 else 'behind'} the median channel: what happens is "
                 f"recorded {'late, as behind a low-pass filter too' if value > 0 else 'early'}")
+        if len(group) > 1:
+            # of two loggers the one with fewer channels is not the wrong one for that
+            text += (f" by them, or {'early' if value > 0 else 'late'} by the others: only the difference between "
+                     "loggers is known")
         change = float(np.median(slope[group]))
         if change:
             text += f", and it changes by {1e3 * change:+.1f} ms a day ({change / 0.0864:+.2f} ppm)"

@@ -74,8 +74,12 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     if not np.isfinite(needed):
         return text + (f"with signatures known to {error:.0%} no length of record distinguishes them; they differ most "
                        f"in {places}; {_checks(first, second)}")
+    if needed <= abs(finding.z):
+        return text + (f"records of this length distinguish small ones (from |z| of {needed:.0f} on, here it is "
+                       f"{abs(finding.z):.0f}), but at their full size both explain this one about as well: a longer "
+                       f"record helps little; they differ most in {places}; {_checks(first, second)}")
     text += f"distinguishing them needs |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
-    if finding.time_profile != "constant" and needed > abs(finding.z):
+    if finding.time_profile != "constant":
         times = (needed / abs(finding.z)) ** 2
         text += f"about {times:.{0 if times > 3 else 1}f} times as many blocks would do, or "
     return text + f"they differ most in {places}; {_checks(first, second)}"

@@ -20,7 +20,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
-from probupdate.modal.sensor_places import sensors_by_place
+from probupdate.modal.sensor_places import sensors_by_height, sensors_by_place
 from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
@@ -373,7 +373,8 @@ def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int], highest_hz:
                 prior_scale=0.1 * late_ms, lower=-late_ms if cause == "clock offset" else 0.0, upper=late_ms,
                 observe=law, step_of_size=later_ms,
                 signature="a phase in proportion to frequency on one logger's channels",
-                check="compare the loggers' time stamps of one event, and their filters",
+                check="compare the loggers' time stamps of one event, and their filters: only the difference to the "
+                      "other channels is seen, whose clock may be the wrong one",
             ))
         if len(rows) > 1:
             # what a data sheet allows is each channel's own; a wrong range or unit is the whole logger's
@@ -444,11 +445,13 @@ def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ..
 
 
 def sensor_groups(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[tuple[str, tuple[int, ...]]]:
-    """Each position, and each level of several positions, but not all sensors at once: only relative time is seen."""
+    """Each position, and each level of several positions (where none is stated: each height), but not all sensors at
+    once: only relative time is seen."""
     result = [(name, rows) for name, rows, _ in positions(placed, row)]
     levels: dict[str, list[int]] = {}
-    for s in placed:
-        levels.setdefault(s.level, []).append(row[s.channel])
+    height = {k: placed[there[0]].position_m[2] for there in sensors_by_height(placed) for k in there}
+    for k, s in enumerate(placed):
+        levels.setdefault(s.level or f"z = {height[k]:.4g} m", []).append(row[s.channel])
     known = {rows for _, rows in result}
     for level, rows in levels.items():
         if tuple(rows) not in known:

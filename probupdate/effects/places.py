@@ -48,7 +48,7 @@ def _parameter(name: str, there: Sequence[Sensor], way: Way, *, taken: Sequence[
     return EffectParameter(name=parameter, kind="sensor_height", std=scale,
                            settings={"channels": tuple(s.channel for s in there), "towards_m": end},
                            lower=float(way.along_m[0]), upper=float(way.along_m[-1]), cause=CAUSE,
-                           location=f"{name} towards ({x:.4g}, {y:.4g}, {z:.4g}) m")
+                           location=f"{name}, moved towards the node at ({x:.4g}, {y:.4g}, {z:.4g}) m")
 
 
 def _effect(adds: EffectParameter, *, odds: float) -> Effect:

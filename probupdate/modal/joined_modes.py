@@ -157,7 +157,10 @@ def joined_mode_words(around: Sequence[tuple[float, float]]) -> str:
         return f"with another shape near the same frequency: {same}, as the structure or the sensors changed then"
     moved = ", ".join(f"{before:.4g}, then {after:.4g} Hz, {100 * (after / before - 1):+.2g} %"
                       for before, after in around)
-    return f"with a similar shape at another frequency ({moved}): {same}, as the structure changed then"
+    ways = {after > before for before, after in around if abs(np.log(after / before)) > SAME_FREQUENCY}
+    both = ("; some rise and some fall, as one stiffness lost or one mass added cannot make them: one of them may be "
+            "another mode (`probupdate explore` shows their shapes)" if len(ways) > 1 else "")
+    return f"with a similar shape at another frequency ({moved}): {same}, as the structure changed then{both}"
 
 
 def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:

@@ -12,7 +12,9 @@ from probupdate.errors import InputError
 from probupdate.modal.frequency_pairs import pair_in_order, refuse_another_unit
 from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
-from probupdate.modal.shape_criteria import criteria_within_plane, mac, rotate_to_real, share_within, subspace_mac
+from probupdate.modal.shape_criteria import (
+    assign, criteria_within_plane, mac, rotate_to_real, share_within, subspace_mac,
+)
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
@@ -615,12 +617,25 @@ def _alternatives(x: _Comparison, found: _Grouping) -> list[tuple[ModeGroup, np.
             alone[here] = trial[here]
             alone[here, np.delete(column, here)] = -1.0
             for choice in (trial, alone):
-                other = _with_planes(x, found, choice, assign(choice))
+                other = _linked_changes(here, column, _with_planes(x, found, choice, assign(choice)), places)
                 # which member of a group has which of its modes is no difference
                 changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
                 loss = (best - _assignment_sum(x, found, choice, other)) / changed
                 if loss < CLEAR and set(other[here]) - set(group.computed):
                     result.append((group, other))
+    return result
+
+
+def _linked_changes(here: slice, column: np.ndarray, other: np.ndarray, places: Sequence[slice]) -> np.ndarray:
+    """`other` for the rows `here` and those that a computed mode passed on links with them, `column` for the rest: a
+    change of theirs for next to nothing would halve what that of `here` loses a mode."""
+    linked, modes = [here], {*column[here], *other[here]}
+    while more := [p for p in places if p not in linked and modes & {*column[p], *other[p]}]:
+        linked += more
+        modes.update(*(column[p] for p in more), *(other[p] for p in more))
+    result = np.array(column)
+    for place in linked:
+        result[place] = other[place]
     return result
 
 
@@ -668,7 +683,7 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
     if len(differ) == 1:
         alone = len(group.measured) == 1
         found = (" and " if alone else ", or ").join(choice_words(choice, differ[0][1]) for choice in choices)
-        return InputError(f"{where}, {own}", f"two computed modes match it equally well, {found}", remedy)
+        return InputError(f"{where}, {own}", f"two computed modes match it about as well, {found}", remedy)
     found = ", or ".join(
         "; ".join(f"{n} as {choice_words(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
         for choice in choices)
@@ -678,19 +693,6 @@ def _ambiguous_pairing_error(x: _Comparison, found: _Grouping, group: ModeGroup,
     if alike.max() >= SAME:
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
         return InputError(f"{where}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
-                          f"so that two pairings match equally well: {found}", "check that they are two different "
+                          f"so that two pairings match about as well: {found}", "check that they are two different "
                           f"modes, or {remedy}")
-    return InputError(f"{where}, {own}", f"two pairings with the model match equally well: {found}", remedy)
-
-
-def assign(criterion: np.ndarray) -> np.ndarray:
-    """Column of each row (n_row,) with the largest sum of criteria (n_row, n_column), one to one."""
-    from scipy import optimize
-
-    score = np.nan_to_num(criterion, nan=-1.0)
-    best = np.argmax(score, axis=1)
-    # mostly every row's best column is its own, and no assignment problem need be solved
-    if len(set(best.tolist())) == best.size:
-        return best
-    _, columns = optimize.linear_sum_assignment(-score)
-    return columns
+    return InputError(f"{where}, {own}", f"two pairings with the model match about as well: {found}", remedy)

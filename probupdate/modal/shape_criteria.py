@@ -138,3 +138,16 @@ def share_within(shape: np.ndarray, plane: np.ndarray) -> float:
     known = np.isfinite(shape)
     left = shape[known] - plane[known] @ np.linalg.lstsq(plane[known], shape[known], rcond=None)[0]
     return float(1 - left @ left / (shape[known] @ shape[known]))
+
+
+def assign(criterion: np.ndarray) -> np.ndarray:
+    """Column of each row (n_row,) with the largest sum of criteria (n_row, n_column), one to one."""
+    from scipy import optimize
+
+    score = np.nan_to_num(criterion, nan=-1.0)
+    best = np.argmax(score, axis=1)
+    # mostly every row's best column is its own, and no assignment problem need be solved
+    if len(set(best.tolist())) == best.size:
+        return best
+    _, columns = optimize.linear_sum_assignment(-score)
+    return columns

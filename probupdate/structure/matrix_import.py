@@ -458,7 +458,8 @@ def _no_row(base: ProgramMatrices, where: str, node: int, axis: str) -> InputErr
                           "node that follows another, as in a diaphragm, write channel_row into the .npz")
     if node in (base.place or {}):
         return InputError(where, f"node {node} has no free row: it is held, or follows another node",
-                          f"name a node that moves; {span}")
+                          f"name a node that moves (of one on a rigid link the one it follows), or write channel_row "
+                          f"into the .npz: what the channel reads of the free rows (docs/formats/model.md); {span}")
     if base.place:
         return InputError(where, f"the model has no node {node}", f"correct node; {span}")
     return InputError(where, f"no row is of node {node}: the model does not have it, or it is held there",

@@ -105,6 +105,16 @@ def test_a_mode_may_move_the_farther_the_more_its_shape_stays(record, share, mix
     assert not one or f"Hz, {100 * (share - 1):+.2g} %): taken as the same mode" in notes[0]
 
 
+@pytest.mark.parametrize(("shares", "doubted"), [((0.9, 1.09), True), ((0.9, 0.93), False), ((0.9, 1.01), False)])
+def test_modes_that_one_change_moves_both_ways_are_doubted(record, shares, doubted):
+    data, sets = record(9), []
+    for k, s in enumerate(data.sets):
+        moved = replace(s, frequency_hz=s.frequency_hz * np.array([*shares, *[1.0] * (len(s.frequency_hz) - 2)]))
+        sets.append((s if k < 20 else moved).of_modes([0, 1, -1, -1] if k < 20 else [-1, -1, 0, 1]))
+    joined, notes = join_modes(ModalData(channels=data.channels, sets=tuple(sets), labels=("1", "2", "3", "4")))
+    assert joined.n_mode == 2 and ("some rise and some fall" in " ".join(notes)) is doubted
+
+
 def test_the_later_one_has_the_name_and_a_stray_pole_before_in_sets_of_any_order(record):
     data = record(6)
     sets = [s.of_modes([0, -1] if k < 12 else [-1, 0]) for k, s in enumerate(data.sets)]

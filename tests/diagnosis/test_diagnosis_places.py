@@ -80,8 +80,8 @@ def test_a_late_clock_is_no_gain_beside_it(frame_file, record, sensors, validati
 
 
 @pytest.mark.parametrize(("channels", "storeys", "begun", "location", "size"), [
-    (("x3", "y3"), 1, 0, "x3 and y3 towards (0, 0, 15) m", HEIGHT),
-    (("x3",), -1, 15, "x3 towards (0, 0, 15) m", -HEIGHT),
+    (("x3", "y3"), 1, 0, "x3 and y3, moved towards the node at (0, 0, 15) m", HEIGHT),
+    (("x3",), -1, 15, "x3, moved towards the node at (0, 0, 15) m", -HEIGHT),
 ])
 def test_a_sensor_that_reads_another_node_is_named_with_its_place(
     pictured_frame, record, tmp_path, validation, channels, storeys, begun, location, size

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.effects.catalogue import positions
+from probupdate.effects.catalogue import positions, sensor_groups
 from probupdate.modal.modes import Sensor
 from probupdate.modal.sensor_places import sensors_by_height, sensors_by_place
 
@@ -41,3 +41,10 @@ def test_places_whose_channels_begin_alike_have_names_of_their_own():
     rows = {s.channel: k for k, s in enumerate(there)}
     assert [(name, own) for name, own, _ in positions(there, rows)] == [
         ("A1 and A2", (0, 1)), ("A3 and A4", (2, 3)), ("A", (4,))]
+
+
+def test_a_height_is_one_logger_where_no_level_is_stated():
+    there = sensors([(0, 0, 9.0), (4, 0, 9.0), (4, 4, 9.001), (0, 0, 2.0), (4, 0, 2.0)])
+    rows = {s.channel: k for k, s in enumerate(there)}
+    assert dict(sensor_groups(there, rows)) == {
+        "a": (0,), "b": (1,), "c": (2,), "d": (3,), "e": (4,), "all of z = 9 m": (0, 1, 2), "all of z = 2 m": (3, 4)}

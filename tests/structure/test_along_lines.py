@@ -35,10 +35,11 @@ def test_rows_go_along_the_lines_of_the_model_and_towards_nothing_that_stands_st
     _, together = with_places(model, channel_places(model), alone=False)
     of_place = [(e.location, e.lower, e.upper, e.odds) for e in together]
     # the mast's foot does not move: its readings would be a gain's
-    assert of_place == [("a towards (0, 0, 12) m", 0.0, 8.0, 0.5), ("a towards (3, 0, 0) m", 0.0, 5.0, 0.5),
-                        ("bx towards (0, 0, 12) m", -5.0, 3.0, 1.0)]
+    node = ", moved towards the node at"
+    assert of_place == [(f"a{node} (0, 0, 12) m", 0.0, 8.0, 0.5), (f"a{node} (3, 0, 0) m", 0.0, 5.0, 0.5),
+                        (f"bx{node} (0, 0, 12) m", -5.0, 3.0, 1.0)]
     _, each = with_places(model, channel_places(model), alone=True)
-    assert {e.location.split()[0] for e in each} == {"a", "ax", "ay", "bx"}
+    assert {e.location.split(",")[0] for e in each} == {"a", "ax", "ay", "bx"}
     assert sum(e.odds for e in each if e.location[0] == "a") == pytest.approx(1.0)
     assert len({e.adds.name for e in each}) == len(each) == 7
 

@@ -247,7 +247,7 @@ def test_a_shape_between_two_computed_modes_is_refused_with_both_macs():
     exact = replace(pair, frequency_hz=np.concatenate([[0.85 * pair.frequency_hz[0]], pair.frequency_hz[1:]]))
     shape = (exact.shape[:, [0]] / np.linalg.norm(exact.shape[:, 0])
              + 0.98 * exact.shape[:, [1]] / np.linalg.norm(exact.shape[:, 1]))
-    with pytest.raises(InputError, match=r"equally well, mode 1 at .* MAC 0\.5\d and mode 2 at .* MAC 0\.4\d") as error:
+    with pytest.raises(InputError, match=r"as well, mode 1 at .* MAC 0\.5\d and mode 2 at .* MAC 0\.4\d") as error:
         match(modal_set(exact.frequency_hz[:1], shape), exact, ROWS, clusters=[(0,)])
     assert "\n" not in str(error.value)
 
@@ -273,7 +273,7 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
     stiff = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.05, 1.5, 2.6, 5.0]),
                           shape=np.column_stack([beside, axes[0], axes[2], axes[3]]))
     crossed = modal_set([1.0, 1.2, 2.5], np.column_stack([axes[0], beside, axes[2]]))
-    with pytest.raises(InputError, match="match (it )?equally well"):
+    with pytest.raises(InputError, match="match (it )?about as well"):
         match(crossed, stiff, ROWS, clusters=[(0,), (1,), (2,)])
 
     def at(degrees):
@@ -299,7 +299,7 @@ def test_measured_modes_an_octave_apart_do_not_change_their_partners():
     assert match(modal_set([131.0, 150.0, 295.0], shape), solution, ROWS).computed == (0, 1, 2)
     # where either could be either, it is said, and so many of three are too many
     near = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([134.0, 147.0, 170.0]), shape=shape)
-    with pytest.raises(InputError, match="match (it )?equally well"):
+    with pytest.raises(InputError, match="match (it )?about as well"):
         match(modal_set([131.0, 150.0, 167.0], shape), near, ROWS, clusters=[(0,), (1,), (2,)])
 
 
@@ -313,7 +313,7 @@ def test_an_alternative_that_the_prior_cannot_bring_near_is_none():
     assert match(measured, solution, ROWS, prior_cov=lambda: np.diag([0.02, 0.03]) ** 2).computed == (0,)
     # a soft soil's mode may be there
     for cov in (None, lambda: np.diag([0.02, 0.2]) ** 2):
-        with pytest.raises(InputError, match="match (it )?equally well"):
+        with pytest.raises(InputError, match="match (it )?about as well"):
             match(measured, solution, ROWS, prior_cov=cov)
 
 
@@ -330,7 +330,7 @@ def test_what_other_modes_say_of_the_soil_says_where_its_modes_are():
         return np.outer(slope, slope) * 0.25
 
     assert match(measured, solution, ROWS, prior_cov=cov).computed == (0, 1)
-    with pytest.raises(InputError, match="match (it )?equally well"):
+    with pytest.raises(InputError, match="match (it )?about as well"):
         match(measured, solution, ROWS, prior_cov=lambda: np.diag(np.diag(cov())))
 
 
@@ -345,7 +345,7 @@ def test_of_two_modes_of_one_shape_frequencies_choose():
     assert match(measured, solution, ROWS, prior_cov=lambda: cov).computed == (0, 2)
     # halfway between the two it may be either, and far from both the prior is none to judge by
     for halfway in (1.74, 2.3):
-        with pytest.raises(InputError, match="match (it )?equally well") as error:
+        with pytest.raises(InputError, match="match (it )?about as well") as error:
             match(modal_set([0.9, halfway], axes[:, :2]), solution, ROWS, prior_cov=lambda: cov)
         assert "list the other modes" in str(error.value)
     # what the sentence advises
@@ -364,7 +364,7 @@ def test_frequencies_choose_where_two_groups_are_wrong_by_their_shapes():
     measured = modal_set([1.08, 1.41], axes[:, :2])
     cov = 0.02**2 * np.eye(4)
     assert match(measured, solution, ROWS, prior_cov=lambda: cov).computed == (0, 1)
-    with pytest.raises(InputError, match="match (it )?equally well"):
+    with pytest.raises(InputError, match="match (it )?about as well"):
         match(measured, solution, ROWS, prior_cov=lambda: 400 * cov)
 
 
@@ -457,7 +457,7 @@ def test_members_of_a_plane_that_trade_places_are_no_second_change():
     near = np.sqrt(0.9) * axes[0] + np.sqrt(0.1) * axes[2]
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=solution.frequency_hz,
                              shape=np.column_stack([axes[0], axes[1], near, axes[5], axes[6]]))
-    with pytest.raises(InputError, match="match (it )?equally well"):
+    with pytest.raises(InputError, match="match (it )?about as well"):
         match(modal_set([1.0, 1.01], axes[:, :2]), solution, ROWS)
 
 
@@ -511,3 +511,15 @@ def test_a_mode_that_the_prior_cannot_bring_where_it_was_measured_is_left_out():
     assert match(measured, solution, ROWS, prior_cov=lambda: 0.5**2 * np.eye(4)).computed == (0, 1, 3)
     softer = modal_set([0.2, 1.35, 6.2], axes[:, :3])
     assert match(softer, solution, ROWS, prior_cov=lambda: 0.05**2 * np.eye(4)).computed == (0, 1, 3)
+
+
+def test_a_change_for_nothing_elsewhere_makes_no_pairing_doubtful():
+    """Four computed modes lie in the plane of three measured ones; the first has its own, and another is worse by 0.21.
+    """
+    axes = np.eye(len(CHANNELS))
+    worse = np.sqrt(0.79) * axes[0] + np.sqrt(0.21) * axes[5]
+    nearly = np.sqrt(0.98) * axes[3] + np.sqrt(0.02) * axes[4]
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.5, 0.6, 1.22, 2.0, 2.05, 2.64]),
+                             shape=np.column_stack([axes[0], worse, axes[3], axes[1], nearly, axes[2]]))
+    with pytest.raises(InputError, match="set one, mode 2 and mode 3 and mode 4: two computed modes match it"):
+        match(modal_set([0.5, 2.0, 2.02, 2.04], axes[:, :4]), solution, ROWS, clusters=[(0,), (1, 2, 3)])
