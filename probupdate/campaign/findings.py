@@ -364,18 +364,8 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
         group = [c for c in late if abs(centre[c] - centre[first]) < max(
             LEAST_DELAY_S, SIGMA * np.hypot(error[c], error[first]))]
         late = [c for c in late if c not in group]
-        value, spread = float(np.median(centre[group])), float(np.median(error[group]))
-        text = (f"suspect: the clock of {', '.join(channels[c] for c in group)} is {1e3 * abs(value):.1f} +- "
-                f"{1e3 * spread:.1f} ms {'ahead of' if value > 0 else 'behind'} the median channel: what happens is "
-                f"recorded {'late, as behind a low-pass filter too' if value > 0 else 'early'}")
-        if len(group) > 1:
-            # of two loggers the one with fewer channels is not the wrong one for that
-            text += (f" by them, or {'early' if value > 0 else 'late'} by the others: only the difference between "
-                     "loggers is known")
-        change = float(np.median(slope[group]))
-        if change:
-            text += f", and it changes by {1e3 * change:+.1f} ms a day ({change / 0.0864:+.2f} ppm)"
-        found.append(text)
+        found.append(_late_clock_words([channels[c] for c in group], *(
+            float(np.median(x[group])) for x in (centre, error, slope))))
     if not np.isfinite(error).any():
         return [], None
     followed = [e for c, e in enumerate(error) if np.isfinite(e) and channels[c] not in {*away, *jumps}]
@@ -385,6 +375,18 @@ def clock_findings(compared: Sequence[ComparedBlock], channels: Sequence[str]) -
              if 2 * len(apart) < len(channels) and apart else "")
     return found, (f"clocks of {len(channels) - len(apart)} of {len(channels)} channels compared{named}; differences "
                    f"of {resolved:.1f} ms or more would show")
+
+
+def _late_clock_words(names: Sequence[str], late_s: float, std_s: float, slope_s: float) -> str:
+    """Of channels whose clocks differ from the median channel's alike, by seconds and by seconds a day."""
+    text = (f"suspect: the clock of {', '.join(names)} is {1e3 * abs(late_s):.1f} +- {1e3 * std_s:.1f} ms "
+            f"{'ahead of' if late_s > 0 else 'behind'} the median channel: what happens is recorded "
+            f"{'late, as behind a low-pass filter too' if late_s > 0 else 'early'}")
+    if len(names) > 1:
+        # of two loggers the one with fewer channels is not the wrong one for that
+        text += (f" by them, or {'early' if late_s > 0 else 'late'} by the others: only the difference between loggers "
+                 "is known")
+    return text + (f", and it changes by {1e3 * slope_s:+.1f} ms a day ({slope_s / 0.0864:+.2f} ppm)" * bool(slope_s))
 
 
 def phase_findings(

@@ -13,7 +13,12 @@ from probupdate.modal.frequency_pairs import pair_in_order, refuse_another_unit
 from probupdate.modal.labels import label_across
 from probupdate.modal.sets import ModalSet
 from probupdate.modal.shape_criteria import (
-    assign, criteria_within_plane, mac, rotate_to_real, share_within, subspace_mac,
+    assign,
+    criteria_within_plane,
+    mac,
+    rotate_to_real,
+    share_within,
+    subspace_mac,
 )
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
@@ -627,16 +632,14 @@ def _alternatives(x: _Comparison, found: _Grouping) -> list[tuple[ModeGroup, np.
 
 
 def _linked_changes(here: slice, column: np.ndarray, other: np.ndarray, places: Sequence[slice]) -> np.ndarray:
-    """`other` for the rows `here` and those that a computed mode passed on links with them, `column` for the rest: a
-    change of theirs for next to nothing would halve what that of `here` loses a mode."""
+    """`other` for the rows `here` and all that passed-on modes link with them; what the rest changes for nothing is none
+    of its price."""
     linked, modes = [here], {*column[here], *other[here]}
     while more := [p for p in places if p not in linked and modes & {*column[p], *other[p]}]:
         linked += more
         modes.update(*(column[p] for p in more), *(other[p] for p in more))
-    result = np.array(column)
-    for place in linked:
-        result[place] = other[place]
-    return result
+    here = np.concatenate([np.arange(len(column))[p] for p in linked])
+    return np.where(np.isin(np.arange(len(column)), here), other, column)
 
 
 def _assignment_sum(x: _Comparison, found: _Grouping, score: np.ndarray, column: np.ndarray) -> float:
@@ -655,9 +658,8 @@ def _with_planes(x: _Comparison, found: _Grouping, choice: np.ndarray, column: n
     for group, here in zip(found.groups, found.places, strict=True):
         pair = x.together.get(group.measured)
         free = [i for i in range(choice.shape[1]) if np.all(choice[here, i] >= 0) and i not in np.delete(result, here)]
-        if pair is None or len(free) < 2:
-            continue
-        result[here] = max(permutations(free, 2), key=lambda two: pair[two])
+        if pair is not None and len(free) > 1:
+            result[here] = max(permutations(free, 2), key=lambda two: pair[two])
     return result
 
 
