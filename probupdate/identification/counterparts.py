@@ -258,6 +258,13 @@ def _list_words(further: Sequence[ModeRecord]) -> str:
             f"{', '.join(one.model_label for one in further)}")
 
 
+def mode_words(modes: Sequence[ModelMode]) -> str:
+    """"L1 at 1.6 Hz", or "L1 (1.6 Hz), L2 (1.7 Hz)"."""
+    if len(modes) == 1:
+        return f"{modes[0].label} at {modes[0].frequency_hz:.4g} Hz"
+    return ", ".join(f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in modes)
+
+
 def unmatched_sentences(data: ModalData) -> list[str]:
     """The same of modes that were written: of a file's records, where it has any."""
     wanted = [r.label for r in data.records if not r.label.isdigit()]
@@ -290,9 +297,12 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
     if hidden:
         lines.append(f"the model's {', '.join(hidden)} {'is' if len(hidden) == 1 else 'are'} in no block: the sensors "
                      "hardly see such motion")
-    for one in lacking:
-        if one.expected or (one.label in wanted and not one.hardly_seen):
-            why = ("although the excitation should show it; a higher --order may" if one.expected else
+    for expected in (True, False):
+        missed = [one for one in lacking if bool(one.expected) is expected
+                  and (expected or (one.label in wanted and not one.hardly_seen))]
+        if missed:
+            it, are = ("it", "is") if len(missed) == 1 else ("them", "are")
+            why = (f"although the excitation should show {it}; a higher --order may" if expected else
                    "which the excitation may not show")
-            lines.append(f"the model's {one.label} at {one.frequency_hz:.4g} Hz is in no block, {why}")
+            lines.append(f"the model's {mode_words(missed)} {are} in no block, {why}")
     return lines

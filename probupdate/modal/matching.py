@@ -632,7 +632,7 @@ def _alternatives(x: _Comparison, found: _Grouping) -> list[tuple[ModeGroup, np.
 
 
 def _linked_changes(here: slice, column: np.ndarray, other: np.ndarray, places: Sequence[slice]) -> np.ndarray:
-    """`other` for the rows `here` and all that passed-on modes link with them; what else changes for nothing is no price
+    """`other` for the rows `here` and all that passed-on modes link with them; a change elsewhere is no price
     of theirs."""
     linked, modes = [here], {*column[here], *other[here]}
     while more := [p for p in places if p not in linked and modes & {*column[p], *other[p]}]:

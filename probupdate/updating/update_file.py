@@ -357,7 +357,8 @@ def fit_sentence(record: UpdateRecord, *, diagnosed: bool = False) -> str:
         return f"{text}: within the stated standard deviations, which is no proof while the shapes are suspect"
     if apart:
         return (f"{text}: no more than chance with what is stated and learnt of the model's own error"
-                f"{f' ({stated})' if stated else ''}, without which {apart}; posterior widths hold that error")
+                f"{f' ({stated})' if stated else ''}, without which {apart}; posterior widths hold that error"
+                f"{'' if diagnosed else '; whether a sensor or a change makes it, `probupdate diagnose` tells'}")
     text = (f"{text}: the model fits the data within the stated standard deviations, {100 * cov:.2g} % of the "
             "frequencies (median)")
     if stated:

@@ -30,7 +30,7 @@ from probupdate.identification.setups import identify_setups as identify_campaig
 from probupdate.modal.conditions import of_turbine
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
-from probupdate.modal.matching import with_stated_gravity
+from probupdate.modal.matching import PAIR_GAP, with_stated_gravity
 from probupdate.modal.mode_choice import ModeChoice
 from probupdate.modal.modes import ModalData, Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
@@ -219,9 +219,17 @@ def unexplained_peaks(peaks_hz: Sequence[float], data: ModalData) -> list[str]:
     alone = [f for f in peaks_hz if not np.any(np.abs(np.log(known / f)) < SAME_PEAK)]
     if not alone:
         return []
-    listed = ", ".join(f"{f:.3g}" for f in alone)
-    return [f"no mode was found at the spectrum's peak{'s' * (len(alone) > 1)} at {listed} Hz: a weak mode, or what "
-            "excites the structure; look at its shape with `probupdate explore`"]
+    ratios = [np.log(known / f) for f in alone]
+    # of two modes as near as a close pair's the weaker singular value peaks where their spectra cross
+    crossing = [bool(np.any((x > 0) & (x < PAIR_GAP)) and np.any((x < 0) & (x > -PAIR_GAP))) for x in ratios]
+    said = []
+    for between, what in ((False, "a weak mode, or what excites the structure"),
+                          (True, "a weak mode, or where the spectra of the two modes beside it cross")):
+        own = [f for f, x in zip(alone, crossing, strict=True) if x is between]
+        if own:
+            said.append(f"no mode was found at the spectrum's peak{'s' * (len(own) > 1)} at "
+                        f"{', '.join(f'{f:.3g}' for f in own)} Hz: {what}; look at its shape with `probupdate explore`")
+    return said
 
 
 def _choice_settings(choice: str | Path | ModeChoice, stated: IdentificationSettings) -> SSISettings:

@@ -14,7 +14,8 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.cli import build_parser
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
-from probupdate.verbs.identifying import ssi_settings
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.verbs.identifying import ssi_settings, unexplained_peaks
 
 (VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
 # option -> keyword or field, where the names differ
@@ -105,3 +106,12 @@ def test_a_peak_without_a_mode_is_said(tmp_path, size):
     frequencies = np.concatenate([s.frequency_hz[s.measured] for s in found.data.sets])
     said = [text for text in found.notes if "no mode was found at the spectrum's peak at 1.9 Hz" in text]
     assert len(said) == (not np.any(np.abs(frequencies - 1.9) < 0.05)) == (size < 0.1)
+
+
+def test_a_peak_between_two_close_modes_may_be_where_they_cross():
+    own = np.full(3, 0.01)
+    one = ModalSet(id="a", frequency_hz=np.array([0.588, 0.68, 1.5]), damping_ratio=own, shape=np.eye(4)[:, :3],
+                   frequency_std_hz=own, shape_std=np.full((4, 3), 0.01))
+    alone, between = unexplained_peaks([0.59, 0.624, 1.9], ModalData(channels=tuple("abcd"), sets=(one,)))
+    assert "at 1.9 Hz" in alone and "at 0.624 Hz" in between and "beside it cross" in between
+    assert "0.59 Hz" not in alone + between and "cross" not in alone
