@@ -88,7 +88,8 @@ def add_commands(verb: AddCommand) -> None:
                    "members are known less well than their parameters say")
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks, the model and data with the findings in them, and of "
-                   "an unknown cause the elementary parts that it may be like and what a larger --discrepancy explains")
+                   "an unknown cause the elementary parts that it may be like and what a larger --discrepancy "
+                   "explains; modes that the model lacks are looked into all the same, as the verdict hangs on them")
     # of scripts that left the chain out, which diagnose does not sample any more
     p.add_argument("--no-sampler", action="store_true", help=argparse.SUPPRESS)
     add_worker_option(p, "processes for records and hypotheses (1); the numbers do not depend on it", 1)

@@ -39,7 +39,7 @@ from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.model.parameters import Parameters
 from probupdate.runtime.executors import SERIAL, Executor
-from probupdate.runtime.progress import Progress, silent
+from probupdate.runtime.progress import Progress, renamed, silent
 
 # parts of each kind that the search is given: those that promise most beside the model as it is
 N_KEPT = 40
@@ -134,7 +134,8 @@ def free_form(
     kept, begun = promising_parts(known.problem, known.null, parts)
     wider = model_with_parts(prepared, [parts[k] for k in kept])
     try:
-        outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs, progress=progress)
+        outcome = examine(wider, data, most=MOST_PARTS, begun=begun, seed=seed, runs=runs,
+                          progress=renamed(progress, "looking for elementary parts"))
     except ConvergenceError:
         return None
     if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.included):

@@ -32,7 +32,7 @@ from probupdate.errors import ConvergenceError, InputError
 from probupdate.modal.joined_modes import highest_frequency_hz
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.executors import Executor, executor
-from probupdate.runtime.progress import Progress, silent
+from probupdate.runtime.progress import Progress, renamed, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.readings import lacking_words, tilt_length_m
 
@@ -191,7 +191,7 @@ def _with_larger_error(
         share = scale * DISCREPANCY_LOG
         try:
             found = examine(replace(prepared, discrepancy=share), data, seed=seed, runs=runs,
-                            progress=progress).diagnosis
+                            progress=renamed(progress, f"diagnosing with {scale:g} times the model's error")).diagnosis
         except ConvergenceError:
             # of a model that far off nothing is said
             continue

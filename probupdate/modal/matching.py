@@ -638,8 +638,8 @@ def _linked_changes(here: slice, column: np.ndarray, other: np.ndarray, places: 
     while more := [p for p in places if p not in linked and modes & {*column[p], *other[p]}]:
         linked += more
         modes.update(*(column[p] for p in more), *(other[p] for p in more))
-    here = np.concatenate([np.arange(len(column))[p] for p in linked])
-    return np.where(np.isin(np.arange(len(column)), here), other, column)
+    rows = np.concatenate([np.arange(len(column))[p] for p in linked])
+    return np.where(np.isin(np.arange(len(column)), rows), other, column)
 
 
 def _assignment_sum(x: _Comparison, found: _Grouping, score: np.ndarray, column: np.ndarray) -> float:

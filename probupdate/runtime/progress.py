@@ -12,6 +12,11 @@ def silent(what: str, done: int, total: int) -> None:
     """The default: no report."""
 
 
+def renamed(progress: Progress, name: str) -> Progress:
+    """The same under another name: of a step that runs again within another one."""
+    return lambda what, done, total: progress(name, done, total)
+
+
 def resumed_progress(progress: Progress) -> Progress:
     """The same, for a search that takes up again what it had left: what was done is not said to be undone."""
     most: dict[tuple[str, int], int] = {}
