@@ -66,7 +66,7 @@ def drawings(
         state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
         yield Drawing(
             name="fig4_wind_and_state", caption="Wind speed" + (
-                "." if (state == "unknown").all() else " and turbine state (the paper's Fig. 4)."),
+                "." if (state == "unknown").all() else " and turbine state."),
             figure=measurement.wind_and_state(
                 scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state)))
     if poles is not None:
@@ -92,17 +92,17 @@ def pole_drawings(
 
     plain = (INK, "o", 5.0, True)
     yield drawing("fig5_all_poles", {"poles": (time, frequency)}, {"poles": plain},
-                  f"All poles up to {upper:.3g} Hz, no post-processing (the paper's Fig. 5).{dashed}")
+                  f"All poles up to {upper:.3g} Hz, no post-processing.{dashed}")
     passed = np.nan_to_num(poles["mac"].to_numpy(float)) >= 0.80
     yield drawing("fig6_mac", {"MAC ≥ 0.80": (time[passed], frequency[passed])}, {"MAC ≥ 0.80": plain},
-                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6)."
+                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model."
                   + (" Lines of a rotor that move the structure as its first mode does are still among them."
                      if rotor else ""))
     if rotor and "paper_criterion" in poles:
         kept = (poles["paper_criterion"] == "kept").to_numpy()
         name = "after the complexity criterion"
         yield drawing("fig7_complexity", {name: (time[kept], frequency[kept])}, {name: plain},
-                      "After the complexity criterion near the P-frequencies (Fig. 7): the paper's classifier.")
+                      "After the complexity criterion near the P-frequencies (multiples of the rotor's speed).")
     criterion = poles["criterion"].astype(str).to_numpy()
     taken, harmonic = criterion == "kept", criterion == "harmonic"
     groups = {"removed": (time[~taken & ~harmonic], frequency[~taken & ~harmonic])}

@@ -41,7 +41,7 @@ from probupdate.updating.update_file import (
 )
 
 SCHEME_WORDS = {
-    "step": "step penalty (Eq. 7 as printed)",
+    "step": "step penalty (Eq. 7 as the paper prints it)",
     "prior": "prior penalty (anchored)",
 }
 SOIL_NOTE = (
@@ -106,10 +106,10 @@ def update_section(run: Run) -> Section:
                     update.parameters.names, update.parameters.initial,
                     {scheme_name(s): s.distance_to_map for s in update.schemes},
                 ), "history"),
-            caption="The iterations of both readings of Eq. 7. The printed one penalises the step from the previous "
-            "iterate: the parameters' term of J, the distance from the prior mean, may keep growing as it forgets the "
-            "prior. The anchored one ends at the maximum of the posterior (MAP). Distance to the MAP: in posterior "
-            "standard deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
+            caption="The iterations of both readings of the paper's Eq. 7. The printed one penalises the step from the "
+            "previous iterate: the parameters' term of J, the distance from the prior mean, may keep growing as it "
+            "forgets the prior. The anchored one ends at the maximum of the posterior (MAP). Distance to the MAP: in "
+            "posterior standard deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
         )
     )
     items += component_items(update)
@@ -119,7 +119,8 @@ def update_section(run: Run) -> Section:
     if run.paper_comparable:
         items.append(_sensitivity_table(update))
     return Section(anchor="update", title="Update", items=tuple(items),
-                   lead=f"The sensitivity-based update on {set_words(update.set_id)}, in both readings of Eq. 7.")
+                   lead=f"The sensitivity-based update on {set_words(update.set_id)}, in both readings of the "
+                        "paper's Eq. 7: penalty on the step, and on the distance from the prior.")
 
 
 def _tables(run: Run, update: UpdateRecord) -> list[Element]:

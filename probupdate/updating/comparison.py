@@ -107,8 +107,10 @@ class Comparison:
                 f"{r.cov if np.isfinite(r.cov) else '-':>7.3} {r.contraction:>6.2f} {r.resolution:>5.2f}  "
                 f"{'; '.join((r.identified, *r.flags))}"
             )
-        lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
-                     "the MAP that the data determine (resolution); identifiability: by the posterior's draws")
+        lines.append("Eq. 7: the sensitivity-based update as the paper prints it, anchored: with its penalty on the "
+                     "distance from the prior; MAP and mean: of the posterior; width: posterior over prior standard "
+                     "deviation, both within the bounds (+- above); R: share of the MAP that the data determine "
+                     "(resolution); identifiability: by the posterior's draws")
         return "\n".join([*lines, *self.notes])
 
     def write(self, path: str | Path) -> Path:

@@ -28,7 +28,8 @@ FORMAT = 1
 BLIND_RESOLUTION = CONSTANTS.blind_resolution
 SHARP, BLUNT, COMMON_FACTOR = CONSTANTS.sharp, CONSTANTS.blunt, CONSTANTS.common_factor
 ACCUSED, FAR = CONSTANTS.accused, CONSTANTS.far
-SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
+SCHEME_NAMES = {"step": "sensitivity-based update, penalty on the step (Eq. 7 as the paper prints it)",
+                "prior": "sensitivity-based update, penalty on the distance from the prior (anchored)"}
 
 
 # the setting that names measured modes which were taken though they look unlike the model's
