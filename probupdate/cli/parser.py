@@ -53,9 +53,21 @@ class _Parser(argparse.ArgumentParser):
         words = [w.split("=")[0] for w in self.given if w.startswith("--")]
         unknown = [w for w in words if not any(k.startswith(w) for k in known)]
         bare = [w for w in unknown if w[2:] in {a.dest for a in self._actions if not a.option_strings}]
-        near = [m for w in unknown for m in get_close_matches(w, missing, n=1) or get_close_matches(w, known, n=1)]
-        meant = f"; write it without {' '.join(bare)}" if bare else f"; did you mean {' '.join(near)}?" if near else ""
+        near = [m for w in unknown for m in _like(w, missing) or _like(w, known)]
+        places = [a.metavar or a.dest.upper() for a in self._actions if not a.option_strings]
+        other = [w for w in unknown if w not in bare and not _like(w, [*missing, *known])]
+        said = [*([f"write {' '.join(w[2:].upper() for w in bare)} without {' '.join(bare)}"] if bare else []),
+                *([f"did you mean {' '.join(near)}?"] if near and not bare else []),
+                *([f"nothing is called {' '.join(other)}, it takes {' '.join([*places, 'and options'])}"]
+                  if other else [])]
+        meant = "".join(f"; {text}" for text in said)
         self.exit(2, f"{self.prog}: {message}{meant}; see {self.prog} --help\n")
+
+
+def _like(word: str, options: Sequence[str]) -> list[str]:
+    """The option that a word most likely means, without the dashes, which all have in common."""
+    found = get_close_matches(word.lstrip("-"), [option.lstrip("-") for option in options], n=1, cutoff=0.7)
+    return [option for option in options if option.lstrip("-") in found]
 
 
 # keys of --json beyond those that every command has

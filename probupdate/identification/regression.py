@@ -21,6 +21,7 @@ from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.slow_error import whiten_columns
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
+from probupdate.modal.joined_modes import TIME
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.modal.rounding import rounding_std
 from probupdate.runtime.arrays import frozen_array
@@ -425,14 +426,17 @@ def _sets_by_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], n
                          "name another state, or none")
     hours = hours_of_sets(sets)
     if hours is None:
-        raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
+        other = next((s.id for s in sets if not TIME.match(s.id)), sets[0].id)
+        raise InputError("regression", f"sets such as '{other}' are not named by a time",
                          "name sets by their start in UTC, ISO 8601")
     order = np.argsort(hours, kind="stable")
     return [sets[k] for k in order], hours[order]
 
 
 def hours_of_sets(sets: Sequence[ModalSet]) -> np.ndarray | None:
-    """Hours (n_set,) of each since the first, None where they are not named by times."""
+    """Hours (n_set,) of each since the first, None where they are not named by times: a number is not a year."""
+    if not all(TIME.match(s.id) for s in sets):
+        return None
     try:
         time = pd.to_datetime([s.id for s in sets], utc=True, format="ISO8601")
     except (ValueError, TypeError):

@@ -388,6 +388,10 @@ def _slope(row: GroupRow, run: RunRow, where: Path, base: ProgramMatrices, kept,
     for path in paths:
         if path != (files[1] if len(files) > 1 else None) and not path.resolve().is_relative_to(where.resolve().parent):
             raise InputError(f"{where}: parameter {row.name}", f"'{run.file}' leaves the folder", "put it beside it")
+    if missing := [p for p in paths if not p.is_file()]:
+        raise InputError(f"{where}: parameter {row.name}", f"its run {missing[0].name} does not exist",
+                         f"set what {row.name} scales to {run.value:g} in the program and write its matrices there "
+                         "(OpenSeesPy: `from_opensees` of that path, without groups), or correct the path")
     other = _read_files(paths)
     quiet: list[str] = []
     K, M = (_mirror_triangle(x, str(paths[0]), "matrix", quiet) for x in (other.stiffness, other.mass))

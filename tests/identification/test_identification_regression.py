@@ -182,3 +182,13 @@ def test_residuals_are_drawn_over_time_and_what_changed(tmp_path):
     assert [a.get_xlabel() for a in axes] == ["hours from the first block", "wind_speed_mps", "water_level_m"]
     drawn = axes[0].lines[0].get_ydata()
     np.testing.assert_allclose(drawn, 100 * fit.residual[np.isfinite(fit.residual)])
+
+
+@pytest.mark.parametrize("name", ["", "NaT", "2007"])
+def test_a_set_that_no_time_names_is_refused_by_its_name(name):
+    """Of an empty name the time was none, and of a number a year."""
+    data = ModalData(channels=(), sets=tuple(ModalSet(
+        id=name if k == 7 else f"2026-06-01T{k:02d}:00Z", frequency_hz=[1 + 0.001 * np.sin(k)], shape=np.zeros((0, 1)),
+        environment={"wind_speed_mps": 5 + np.cos(2 * k)}) for k in range(20)))
+    with pytest.raises(InputError, match=f"such as '{name}' are not named by a time"):
+        regress_modes(data)

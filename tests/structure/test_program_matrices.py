@@ -277,6 +277,17 @@ def test_parameters_that_the_package_wrote_itself_give_way(tmp_path):
         (tmp_path / "model.npz").unlink()
 
 
+def test_a_run_that_is_not_there_yet_says_how_to_make_it(tmp_path):
+    calculix_files(tmp_path, "job", *chain())
+    (tmp_path / "groups.toml").write_text(
+        GROUPS[GROUPS.index("[[parameter]]"):].split("runs")[0] + 'runs = [{ file = "more.sti", value = 1.5 }]\n')
+    with pytest.raises(InputError) as error:
+        probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+    assert "its run more.sti does not exist" in str(error.value) and "to 1.5 in the program" in error.value.remedy
+    calculix_files(tmp_path, "more", *chain(1.5))
+    probupdate.matrices(tmp_path / "job.sti", tmp_path / "model.npz", parameters=tmp_path / "groups.toml")
+
+
 def test_parameters_that_somebody_edited_are_not_replaced(tmp_path):
     calculix_files(tmp_path, "job", *chain())
     calculix_files(tmp_path, "more", *chain(1.5))
