@@ -1,5 +1,7 @@
 """Regression on covariates: against dense algebra, with errors that last, outliers, gaps and twins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -187,8 +189,7 @@ def test_residuals_are_drawn_over_time_and_what_changed(tmp_path):
 @pytest.mark.parametrize("name", ["", "NaT", "2007"])
 def test_a_set_that_no_time_names_is_refused_by_its_name(name):
     """Of an empty name the time was none, and of a number a year."""
-    data = ModalData(channels=(), sets=tuple(ModalSet(
-        id=name if k == 7 else f"2026-06-01T{k:02d}:00Z", frequency_hz=[1 + 0.001 * np.sin(k)], shape=np.zeros((0, 1)),
-        environment={"wind_speed_mps": 5 + np.cos(2 * k)}) for k in range(20)))
+    data = modal_data(20)
+    data = replace(data, sets=(*data.sets[:7], replace(data.sets[7], id=name), *data.sets[8:]))
     with pytest.raises(InputError, match=f"such as '{name}' are not named by a time"):
         regress_modes(data)
