@@ -61,7 +61,8 @@ def test_a_misspelt_required_option_is_suggested(capsys):
 
 @pytest.mark.parametrize(("words", "said"), [
     ("regress modes.json --on wind --out r.csv", "nothing is called --on, it takes MODES and options"),
-    ("export --posterior p.nc --out folder", "write OUT without --out; nothing is called --posterior, it takes RUN OUT"),
+    ("export --posterior p.nc --out folder",
+     "write OUT without --out; nothing is called --posterior, it takes RUN OUT"),
 ])
 def test_an_option_like_none_is_not_taken_for_another(words, said, capsys):
     with pytest.raises(SystemExit, match="2"):
