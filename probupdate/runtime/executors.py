@@ -6,6 +6,7 @@ they run.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import re
@@ -39,6 +40,8 @@ WAITING = 2
 ANSWER_S, SAID_S, NO_WORKER_S = 10, 10, 900
 # of any command; what it says of itself when interrupted is its own
 KEPT = "finished blocks and chains are kept"
+# of what a client of a Dask cluster says on the screen by itself
+CLIENT_LOGGERS = ("distributed.client", "distributed.batched", "distributed.comm.tcp", "distributed.core")
 # how often is looked whether a task came back, s
 LOOKS_S = 0.02
 START_WORKERS = ("start them in this environment with `OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 dask worker ADDRESS "
@@ -253,11 +256,15 @@ class _DaskCluster(Executor):
         if not re.fullmatch(r"(?:[a-z]+://)?[\w.\-\[\]:]+:\d{1,5}/?", address):
             raise InputError("scheduler", f"'{address}' is not an address", "write it as tcp://10.0.0.1:8786")
         self._address = address
+        self._levels = {name: logging.getLogger(name).level for name in CLIENT_LOGGERS}
         try:
             self._client = distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError("scheduler", f"nothing answers at {address} ({type(error).__name__})",
                              "start one with `dask scheduler` and give its address") from None
+        # a lost scheduler is said in one line here, by them in a traceback each
+        for name in self._levels:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
     def as_completed(self, function, tasks, *, least=None, lost=None):
         distributed = _import_distributed()
@@ -343,7 +350,11 @@ class _DaskCluster(Executor):
                                   f"{KEPT}: start them and run again") from None
 
     def close(self, *, at_once: bool = False) -> None:
-        self._client.close(timeout=ANSWER_S)
+        try:
+            self._client.close(timeout=ANSWER_S)
+        finally:
+            for name, level in self._levels.items():
+                logging.getLogger(name).setLevel(level)
 
 
 @dataclass(frozen=True, eq=False)

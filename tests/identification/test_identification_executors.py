@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -229,6 +230,17 @@ def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
     with (dask_cluster(cluster.scheduler_address) as runs,
           pytest.raises(InputError, match=r"a worker has version .*, this is 0\.0\.0; install one version everywhere")):
         list(runs.as_completed(square, [(1,)]))
+
+
+@needs_dask
+@of_dask
+def test_a_lost_scheduler_is_no_traceback_of_the_client_s(cluster):
+    """The error says it in one line; what others have set of its logger is theirs again afterwards."""
+    client = logging.getLogger("distributed.client")
+    before = client.level
+    with dask_cluster(cluster.scheduler_address):
+        assert not client.isEnabledFor(logging.ERROR)
+    assert client.level == before and client.isEnabledFor(logging.ERROR)
 
 
 @needs_dask
