@@ -95,7 +95,8 @@ def _comb(level: np.ndarray, turning: np.ndarray, unsteady: float) -> np.ndarray
 
 
 def line_height(level: np.ndarray, turning: float, unsteady: float = 0.01) -> float:
-    """Of one speed, in lines; unsteady: its standard deviation over its mean."""
+    """Mean level (n_line,) at the multiples of one speed, in lines, over their neighbours'; unsteady: the speed's
+    standard deviation over its mean."""
     return float(_comb(level, np.array([turning]), unsteady)[0])
 
 
@@ -114,7 +115,7 @@ def _excess_over_neighbours(level: np.ndarray, centre: np.ndarray, half: np.ndar
 
 
 def rate_ratio(scores: list[np.ndarray]) -> RateRatio:
-    """The ratio at which lines stand out over all rows, if one does."""
+    """The ratio at which lines stand out over all rows, if one does; NaN elsewhere. scores: of each row (n_ratio,)."""
     nothing = RateRatio(ratio=float("nan"), std=float("nan"), rows=len(scores))
     if len(scores) < FEWEST_ROWS:
         return nothing

@@ -138,7 +138,8 @@ def slope_share(r: Residual, q: int, value: np.ndarray) -> np.ndarray:
 
 
 def chunk_share(r: Residual, q: int, chosen: np.ndarray) -> np.ndarray | None:
-    """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
+    """(n_block,) shares whose sum is the mean over the chosen blocks (n_block,) of bool less that over all; None where
+    none of them was measured."""
     weight = r.design.noise.weight[q]
     own = np.where(chosen, weight, 0.0)
     return own / own.sum() - weight / max(weight.sum(), 1e-12) if own.sum() > 0 else None

@@ -155,7 +155,7 @@ def _evidence_at(problem: DiagnosisProblem, fitted: Fit, design: Design) -> floa
 
 
 def linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
-    """ln density of residuals under a design, but for powers of 2 pi."""
+    """ln density of residuals, of each group (n_block, m), under a design, but for powers of 2 pi."""
     return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise)
 
 

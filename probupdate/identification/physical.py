@@ -321,7 +321,8 @@ def physical_modes(
     groups, doubles = _group_clusters(candidates, found, block_seconds,
                                       turns=angle is not None and bool(np.isfinite(angle).any()))
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz has the shape of {np.exp(twin.ln_frequency):.3f} Hz and appears in "
-              "few of its blocks or model orders: a duplicate of that mode, or that mode after a change; left out"
+              "few of its blocks or model orders: a duplicate of that mode, that mode after a change, or one of its "
+              "own that these channels see alike (`probupdate explore` picks it); left out"
               for one, twin in doubles]
     if not groups:
         raise _no_modes_error(where, n_block)

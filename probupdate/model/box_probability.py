@@ -61,7 +61,7 @@ def _conditional_sample(low, high, correlation, uniform: np.ndarray) -> tuple[np
 
 
 def log_probability(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """ln of the standard normal's probability between a and b, exact in relative terms far in both tails."""
+    """ln of the standard normal's probability between a and b, any shape; exact in relative terms far in both tails."""
     turned = a > 0
     low, high = np.where(turned, -b, a), np.where(turned, -a, b)
     upper = special.log_ndtr(high)
@@ -69,7 +69,7 @@ def log_probability(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.ndarray:
-    """Standard normal between a and b by inverting its distribution function."""
+    """Standard normal between a and b, of their shape, by inverting its distribution function at uniform (0 to 1)."""
     # the function is exact in relative terms on its lower side only: turn the interval there
     turned = a > 0
     low, high = np.where(turned, -b, a), np.where(turned, -a, b)

@@ -173,6 +173,7 @@ def _judged_pictures(run: Run, modes: ModalData) -> list[Element]:
 
 
 def block_states(modes: ModalData) -> np.ndarray:
+    """(n_set,) of str: the turbine's state in each, empty where it is not stated."""
     return np.array([str(s.environment.get("state", "")) for s in modes.sets], dtype=object)
 
 

@@ -35,6 +35,7 @@ TERMS_AT_ONCE = 128
 
 
 def node_dofs(*nodes: int) -> np.ndarray:
+    """(6 n_node,) rows of the nodes' three translations and three rotations, one node after the other."""
     return np.concatenate([6 * node + np.arange(6) for node in nodes])
 
 

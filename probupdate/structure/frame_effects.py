@@ -51,6 +51,7 @@ def loosen(mesh) -> None:
 
 
 def prestress(d: Description, effects: Effects, hub: int, along: np.ndarray) -> tuple[Prestress, ...]:
+    """Loads that stiffen or soften with a parameter: weight, and thrust in N at the hub along the unit vector (3,)."""
     weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.gravity_mps2)
                for p in effects.on_all("weight")]
     thrusts = [Prestress(coefficient=parameter(p.name), node=hub, force_n=along) for p in effects.on_all("thrust")]

@@ -85,8 +85,10 @@ def every_parameter(path: str | Path) -> Parameters:
 
 
 def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -> np.ndarray:
+    """(n_param, n_param) of the priors, from [correlation.<name>] tables. Raises InputError where an entry is no number
+    in -1 to 1, names no updated parameter or contradicts another."""
     names = [p.name for p in items]
-    matrix = np.eye(len(names))
+    matrix, stated = np.eye(len(names)), {(name, name): 1.0 for name in names}
     if not isinstance(table, Mapping) or not all(isinstance(entries, Mapping) for entries in table.values()):
         raise InputError(f"{where}, correlation", "is not a table of tables", "write [correlation.<name>] and in it "
                          "<other name> = 0.5")
@@ -99,6 +101,11 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
                 if name not in names:
                     raise InputError(f"{where}, correlation", f"'{name}' is not an updated parameter",
                                      "correct the name")
+            if stated.setdefault((min(row, column), max(row, column)), value) != value:
+                raise InputError(f"{where}, correlation.{row}.{column}", f"is {value:g}, " + (
+                    "and a parameter correlates with itself by 1" if row == column else
+                    f"and [correlation.{column}] says {stated[min(row, column), max(row, column)]:g}"),
+                    "state each correlation once")
             i, j = names.index(row), names.index(column)
             matrix[i, j] = matrix[j, i] = float(value)
     return matrix

@@ -169,7 +169,7 @@ def rigid_body_mass(values) -> np.ndarray:
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
-    """a -> v x a."""
+    """(3, 3): a -> v x a, of v (3,)."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 

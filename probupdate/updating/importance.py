@@ -128,7 +128,7 @@ class Mixture:
         return found
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Inside the bounds; -inf outside, where nobody asks for it."""
+        """(n,) of theta (n, n_param), inside the bounds; -inf outside, where nobody asks for it."""
         value = np.full(len(theta), -np.inf)
         inside = self.parameters.inside(theta)
         if inside.any():

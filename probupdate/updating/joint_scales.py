@@ -125,7 +125,7 @@ class ScaleChain:
 
 
 def student_about(scales: Scales, system: FarmSystem, maximum: np.ndarray) -> StudentT:
-    """A Student t distribution about the maximum, wider than the density there."""
+    """A Student t distribution about the maximum (n_scale,), wider than the density there."""
     root = np.linalg.cholesky(WIDER * scales.curvature(maximum, system))
     return StudentT(centre=maximum, factor=root, logarithmic=np.zeros(len(maximum), bool))
 
@@ -145,7 +145,8 @@ class _Redraw(emcee.moves.RedBlueMove):
 def sample_scales(
     scales: Scales, system: FarmSystem, maximum: np.ndarray, *, seed: int, progress: Progress = silent
 ) -> ScaleChain:
-    """Weighed independent draws about the maximum; emcee from there where these do not represent the density."""
+    """Weighed independent draws about the maximum (n_scale,); emcee from there where these do not represent the
+    density."""
     n = len(maximum)
     if not n:
         return ScaleChain(x=np.zeros((1, 0)), ess=float(TARGET_ESS), converged=True, verdict="no scale is unknown")

@@ -172,8 +172,8 @@ def _starts_beside_crossings(problem: Problem) -> list[np.ndarray]:
 
 
 def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray] | np.ndarray) -> tuple[Laplace, ...]:
-    """`found` and the further maxima that climbs from `starts` end in, highest mass first: those whose Laplace evidence
-    is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
+    """`found` and the further maxima that climbs from `starts`, each (n_param,), end in, highest mass first: those of
+    which the Laplace evidence is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
     kept = [found]
     for start in starts:
         _reached(problem, start, kept)

@@ -249,7 +249,8 @@ def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, 
 
 
 def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, parameters) -> np.ndarray:
-    """d that minimises |matrix d - right|^2 with theta + d inside the bounds; the plain solution where that is inside.
+    """d (n_param,) that minimises |matrix d - right|^2 with theta + d inside the bounds; the plain solution where that
+    is inside. matrix (n_row, n_param), right (n_row,).
 
     Columns are scaled by the prior standard deviations: their units differ by many orders.
     """

@@ -64,7 +64,8 @@ def kaimal(frequency_hz: np.ndarray, wind_mps: float, area_m2: float = ADMITTANC
 
 
 def jonswap(frequency_hz: np.ndarray, height_m: float, period_s: float, peak: float = 3.3) -> np.ndarray:
-    """Surface elevation spectrum in m^2/Hz, scaled to the significant wave height."""
+    """Surface elevation spectrum (n_line,) in m^2/Hz, scaled to the significant wave height
+    (Hasselmann et al. 1973)."""
     f = np.where(frequency_hz > 0, frequency_hz, 1.0)
     ratio = f * period_s
     width = np.where(ratio <= 1, 0.07, 0.09)
@@ -114,7 +115,7 @@ def random_loads(plan: Plan, leg_xy: np.ndarray, seed: int, first_s: float, n: i
 
 
 def mean_thrust(wind_mps: np.ndarray) -> np.ndarray:
-    """Operating thrust in N: C_T 0.8 on a rotor of 126 m up to rated wind, falling beyond."""
+    """Operating thrust in N, same shape as the wind: C_T 0.8 on a rotor of 126 m up to rated wind, falling beyond."""
     full = 0.5 * AIR_KGPM3 * 0.8 * np.pi * 63.0**2
     return full * np.minimum(wind_mps, RATED_MPS) ** 2 * np.minimum(1.0, RATED_MPS / np.maximum(wind_mps, 0.1)) ** 1.5
 

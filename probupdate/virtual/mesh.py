@@ -77,7 +77,7 @@ class Mesh:
         self.blocks.append((self._dofs(number), np.diag([*translational, 0.0, 0.0, 0.0])))
 
     def spring_along(self, number: int, direction: np.ndarray, stiffness: float, other: int | None = None) -> None:
-        """A spring in N/m along a unit direction, from a node to the ground or to another node."""
+        """A spring in N/m along a unit direction (3,), from a node to the ground or to another node."""
         own = stiffness * np.outer(direction, direction)
         if other is None:
             self.blocks.append((6 * number + np.arange(3), own))

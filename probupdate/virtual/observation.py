@@ -81,6 +81,7 @@ def felt_gravity(file: TurbineFile, hidden: HiddenEffects) -> np.ndarray:
 
 
 def nominal_direction(file: TurbineFile) -> np.ndarray:
+    """(n_channel, 3) unit vectors as the file states them."""
     return np.array([sensor.direction for sensor in file.sensors])
 
 

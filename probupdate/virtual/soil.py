@@ -27,12 +27,13 @@ class Clay:
     scour_m: float = 0.0
 
     def strength(self, depth_m: np.ndarray) -> np.ndarray:
-        """s_u at a depth below the present mudline: scour uncovers the soil that was there."""
+        """s_u in Pa at depths (n,) below the present mudline: scour uncovers the soil that was there."""
         return self.strength_mudline_pa + self.strength_gradient_papm * (depth_m + self.scour_m)
 
 
 def lateral_stiffness(clay: Clay, diameter_m: float, depth_m: np.ndarray) -> np.ndarray:
-    """Initial p-y stiffness in N/m per m of pile, same shape as depth_m; zero above the mudline."""
+    """Initial p-y stiffness in N/m per m of pile, same shape as depth_m; zero above the mudline; bearing by
+    Murff and Hamilton (1993)."""
     depth = np.maximum(depth_m, 0.0)
     strength = clay.strength(depth)
     # bearing factor 9 - 7 e^(-xi z/D) with xi = .25 + .05 lambda, lambda = s_u0 / (gradient D), at most .55
@@ -44,7 +45,7 @@ def lateral_stiffness(clay: Clay, diameter_m: float, depth_m: np.ndarray) -> np.
 
 
 def axial_stiffness(clay: Clay, depth_m: np.ndarray) -> np.ndarray:
-    """Initial t-z stiffness in N/m per m of pile."""
+    """Initial t-z stiffness in N/m per m of pile, same shape as depth_m; zero above the mudline."""
     stiffness = 2 * np.pi * RIGIDITY_INDEX * clay.strength(np.maximum(depth_m, 0.0)) / LOAD_TRANSFER
     return np.where(depth_m > 0, stiffness, 0.0)
 

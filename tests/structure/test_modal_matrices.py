@@ -313,6 +313,17 @@ def test_correlation_table(tmp_path):
         read_parameters(path)
 
 
+def test_a_correlation_that_is_stated_twice_is_one_value(tmp_path):
+    path = tmp_path / "parameters.toml"
+    path.write_text(TABLE + "[correlation.k]\nm = 0.4\n[correlation.m]\nk = 0.4\n")
+    assert read_parameters(path).correlation[0, 1] == 0.4
+    for second, problem in (("[correlation.m]\nk = 0.3\n", r"is 0.3, and \[correlation.k\] says 0.4"),
+                            ("[correlation.m]\nm = 0.5\n", "is 0.5, and a parameter correlates with itself by 1")):
+        path.write_text(TABLE + "[correlation.k]\nm = 0.4\n" + second)
+        with pytest.raises(InputError, match=problem):
+            read_parameters(path)
+
+
 @pytest.mark.parametrize("changed", ["K0", "M0", "K_k", "M_m", "channel", "channel_dof"])
 def test_fingerprint_changes_with_every_array(folder, changed):
     base = load_model(save(folder)).fingerprint()
