@@ -398,7 +398,7 @@ class _Writer:
         assert self.start is not None, "the first rows begin a chunk"
         data = np.concatenate(self.rows)
         if len(self.columns) < len(self.head.channels):
-            data = self._on_grid(data)
+            self.start, data = self._on_grid(self.start, data)
         # two sources may start at one time: the key's head distinguishes their files
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():
@@ -417,17 +417,16 @@ class _Writer:
         self.count += self.size
         self.rows, self.size = [], 0
 
-    def _on_grid(self, own: np.ndarray) -> np.ndarray:
-        """Samples of one logger of several at the multiples of the campaign's step since 1970, where the others' are
-        put too, in their columns; by splines, and lost beside gaps and ends, which these do not bear."""
-        rate, start = self.head.sampling_rate_hz, self.start
-        first = round(start.value * 1e-9 * rate)
-        self.start = pd.Timestamp(round(first / rate * 1e9), tz="UTC")
-        late = (self.start - start).total_seconds()
+    def _on_grid(self, start: pd.Timestamp, own: np.ndarray) -> tuple[pd.Timestamp, np.ndarray]:
+        """Start and samples of one logger of several at the multiples of the campaign's step since 1970, where the
+        others' are put too, in their columns; by splines, and lost beside gaps and ends, which these do not bear."""
+        rate = self.head.sampling_rate_hz
+        put = pd.Timestamp(round(round(start.value * 1e-9 * rate) / rate * 1e9), tz="UTC")
+        late = (put - start).total_seconds()
         if abs(late) * rate > ON_GRID:
             beside = ndimage.binary_dilation(np.isnan(own), np.ones((2 * SPLINE + 1, 1)), border_value=1)
             own = put_in_time(own.astype(float), rate, np.full(own.shape[1], late), np.zeros(own.shape[1]))
             own[beside] = np.nan
         data = np.full((len(own), len(self.head.channels)), np.nan, np.float32)
         data[:, self.columns] = own
-        return data
+        return put, data
