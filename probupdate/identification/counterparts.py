@@ -258,13 +258,6 @@ def _list_words(further: Sequence[ModeRecord]) -> str:
             f"{', '.join(one.model_label for one in further)}")
 
 
-def mode_words(modes: Sequence[ModelMode]) -> str:
-    """"L1 at 1.6 Hz", or "L1 (1.6 Hz), L2 (1.7 Hz)"."""
-    if len(modes) == 1:
-        return f"{modes[0].label} at {modes[0].frequency_hz:.4g} Hz"
-    return ", ".join(f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in modes)
-
-
 def unmatched_sentences(data: ModalData) -> list[str]:
     """The same of modes that were written: of a file's records, where it has any."""
     wanted = [r.label for r in data.records if not r.label.isdigit()]
@@ -304,5 +297,7 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
             it, are = ("it", "is") if len(missed) == 1 else ("them", "are")
             why = (f"although the excitation should show {it}; a higher --order may" if expected else
                    "which the excitation may not show")
-            lines.append(f"the model's {mode_words(missed)} {are} in no block, {why}")
+            named = (f"{missed[0].label} at {missed[0].frequency_hz:.4g} Hz" if len(missed) == 1 else
+                     ", ".join(f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in missed))
+            lines.append(f"the model's {named} {are} in no block, {why}")
     return lines

@@ -170,7 +170,7 @@ def unmatched_sentences(
 ) -> dict[str, tuple[str, ...]]:
     """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
     out', and on those that are 'taken' although they look unlike the model's."""
-    from probupdate.identification.counterparts import counterpart_words, further_modes_left_out, mode_words
+    from probupdate.identification.counterparts import counterpart_words, further_modes_left_out
 
     whole = modes if isinstance(modes, ModalData) else read_modes(modes)
     used = chosen_modes(whole, only, every_mode).labels
@@ -189,7 +189,8 @@ def unmatched_sentences(
     left += further_modes_left_out([one for one in whole.records if one.found and one.match not in ("", "none")
                                     and one.label not in used and not (only and one.label not in only)])
     if missed := [one for one in whole.model_only if one.expected]:
-        left.append(f"the model's {mode_words(missed)}: in no block, although the excitation should show "
+        listed = ", ".join(f"{one.label} ({one.frequency_hz:.4g} Hz)" for one in missed)
+        left.append(f"the model's {listed}: in no block, although the excitation should show "
                     f"{'it' if len(missed) == 1 else 'them'}")
     return {"left out": tuple(left), "taken": tuple(taken)}
 
