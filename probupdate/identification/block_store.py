@@ -40,7 +40,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, iterate_completed
 from probupdate.runtime.progress import Progress, silent
 
-FORMAT = 7
+FORMAT = 8
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the covariance factors of some of them
 POLES, FACTORS = ".poles.npz", ".deviations.npz"

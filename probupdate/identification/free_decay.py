@@ -61,8 +61,8 @@ def decay_of(record: WholeRecord, *, edge: int, order: int, block_rows: int) -> 
     edge: samples at the beginning, after a release and at the end, that a filter mixed with what lies beyond.
     """
     data = record.data
-    scale = data.std(axis=0)
-    energy = np.sum((data / np.where(scale > 0, scale, 1.0)) ** 2, axis=1)
+    # not channel by channel: of a pluck along one axis sensors across it read their noise
+    energy = np.sum(data**2, axis=1)
     width = max(len(data) // WINDOWS, 1)
     releases = [0, *_releases(energy, width), len(data)]
     pieces = [(first + (width if first else 0) + edge, last - edge) for first, last in pairwise(releases)]
@@ -119,5 +119,5 @@ def _explained_share(
         motion = np.exp(np.arange(len(data))[:, None] / rate_hz * rate)
         basis = np.hstack([motion.real, motion.imag, np.ones((len(data), 1))])
         fitted = basis @ np.linalg.lstsq(basis, data, rcond=None)[0]
-        left, size = left + np.sum((data - fitted) ** 2, axis=0), size + np.sum(data**2, axis=0)
-    return float(1 - np.mean(left / np.maximum(size, 1e-300)))
+        left, size = left + float(np.sum((data - fitted) ** 2)), size + float(np.sum(data**2))
+    return 1 - left / max(size, 1e-300)
