@@ -32,7 +32,7 @@ from probupdate.diagnosis.elementary import (
     replaceable_groups,
 )
 from probupdate.diagnosis.engine.verdict import CHANCE, POWER, verdict_of
-from probupdate.diagnosis.evidence import log_evidence, sizes_std
+from probupdate.diagnosis.evidence import log_evidence, sizes_in_own_std, sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, error_scale, fit, fitted_without_candidates
 from probupdate.diagnosis.hypotheses import Exploration, exchange_effect, explore, refit_without
 from probupdate.diagnosis.model_error import (
@@ -324,6 +324,7 @@ def findings_of(
     at all explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
+    determined = sizes_in_own_std(best.fitted)
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
         # evidence counts by what the best fit leaves, as in quasi-likelihood, and by what theory does not know of so
         # strong a signature, nor of those that stand beside it
@@ -337,7 +338,7 @@ def findings_of(
             nothing = others.index(None)
             for row in (others, evidence, prior):
                 del row[nothing]
-        own_error = model_error_dispersion(z, error_scale(n.effect))
+        own_error = model_error_dispersion(min(abs(z), determined[number]), error_scale(n.effect))
         dispersion = max(left / directions, own_error, _shared_error_share(problem, best, number))
         explains = [value / dispersion for value in evidence]
         for one in responses:

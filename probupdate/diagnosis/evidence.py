@@ -42,6 +42,14 @@ def sizes_std(problem: DiagnosisProblem, fitted: Fit) -> list[float]:
     return result
 
 
+def sizes_in_own_std(fitted: Fit) -> list[float]:
+    """Of each included effect its size over the standard deviation that the evidence gives it, in which the error of
+    its signature is counted response by response; inf of an effect of one size."""
+    free = iter(range(fitted.design.sizes.start, fitted.design.sizes.stop))
+    return [np.inf if n.effect.discrete else
+            float(abs(n.size) / np.sqrt(fitted.design.unknowns_cov([next(free)])[0, 0])) for n in fitted.included]
+
+
 def length_std(problem: DiagnosisProblem, fitted: Fit, included: IncludedEffect) -> float:
     """Relative standard deviation of the length of a signature that the parameters' own uncertainty makes, along
     itself: a metre of water does as much as the added mass is large, and only the two together are measured. What
