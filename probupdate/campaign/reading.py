@@ -63,7 +63,7 @@ class WrittenCampaign:
     # no sea is deeper
     water_depth_m: Annotated[float, Range(0, 11_000, above=True)] | None = None
     rated_power_kw: Positive | None = None
-    x_axis_heading_deg: Annotated[float, Range(-360, 360)] = 0.0
+    x_axis_heading_deg: Annotated[float, Range(-360, 360)] = 180.0
     leave_out: tuple[str, ...] = ()
     scada: Mapping[str, object] = field(default_factory=dict)
     sensor: tuple[Mapping[str, object], ...] = ()
@@ -125,7 +125,8 @@ class Campaign:
     """What was measured and where it lies; `files` ordered by start, `scada` indexed by UTC time or None.
 
     rated_power_kw distinguishes idling from operation; None: the highest power recorded stands for it.
-    x_axis_heading_deg: the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it. columns:
+    x_axis_heading_deg: the compass heading (clockwise) of the model's x axis; 180 unless campaign.toml gives it, so
+    that a nacelle of heading 0 looks along -x. columns:
     where the sensors' samples are in the files; left_out: channels of the files that campaign.toml says not to use.
     turned: channels whose samples are taken with the other sign, as their direction here is the opposite of the stated.
     """

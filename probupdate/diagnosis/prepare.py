@@ -29,10 +29,10 @@ from probupdate.structure.along_lines import with_reversed_gravity
 from probupdate.structure.description import Description, described_sensors
 from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
-from probupdate.structure.load import load_model, model_sensors
+from probupdate.structure.load import load_model, model_sensors, resting_angle_deg
 from probupdate.structure.matrices import channel_places
 from probupdate.structure.own_modes import lying_doubt
-from probupdate.structure.subdyn_model import is_subdyn, resting_angle_deg, turns_nacelle
+from probupdate.structure.subdyn_model import is_subdyn, turns_nacelle
 
 # modes looked through for the measured ones: so many, and up to the other where modes are measured above these
 N_MODE, MOST_MODES = 7, 20
@@ -119,7 +119,8 @@ def prepare(
     catalogue = (*turbine_effects(description, sensors=placed), *added)
     parameters_of = [e.adds for e in catalogue if e.adds is not None]
     progress("preparing the model", 0, 2)
-    first = extended_model(path, parameters_of, parameters=parameters, sensors=sensors, turns_deg=TURNS_DEG[1:])
+    first = extended_model(path, parameters_of, parameters=parameters, sensors=sensors,
+                           nacelle_angle_deg=TURNS_DEG[0], turns_deg=TURNS_DEG[1:])
     progress("preparing the model", 1, 2)
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])

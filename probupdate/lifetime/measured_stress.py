@@ -42,7 +42,7 @@ from probupdate.lifetime.spectral import ORDERS, RECORD_S, counted_share, rainfl
 from probupdate.lifetime.stress import Case, StressModel
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
-from probupdate.structure.subdyn_model import resting_angle_deg
+from probupdate.structure.load import resting_angle_deg
 
 # nacelle headings are taken to the nearest of these steps: thrust and waves across the wind are unknowns too
 HEADING_STEP_DEG = 30.0

@@ -551,7 +551,7 @@ def stress_model(
                          "leave the fatigue of a tower on land to another program (export without --fatigue)")
     frame = build_frame(description, heading_deg) if frame is None else frame
     model = turbine_model(
-        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg, frame=frame
+        description, where=where, parameters=parameters, sensors=sensors, turn_deg=heading_deg, frame=frame
     )
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}

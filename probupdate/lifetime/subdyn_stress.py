@@ -37,7 +37,7 @@ from probupdate.structure.subdyn_model import (
     element_terms,
     group_of,
     read_description,
-    resting_angle_deg,
+    subdyn_angle_deg,
     targets_of,
     with_tower,
 )
@@ -282,7 +282,7 @@ def subdyn_stress_model(
             "add [site] with water_density_kgpm3, gravity_mps2, mudline_m, water_level_m, growth_m and hub_offset_m",
         )
     model = described_model(own.raw, own.path, parameters=parameters, sensors=sensors,
-                            nacelle_angle_deg=heading_deg + resting_angle_deg(own.path))
+                            nacelle_angle_deg=heading_deg + subdyn_angle_deg(own.path))
     rows: dict[str, dict] = {"K": {}, "M": {}}
     for row, detail in enumerate(details):
         dofs, pick = own.frame.dofs[detail.number], detail.rows()

@@ -20,7 +20,7 @@ from probupdate.structure.description import Description
 from probupdate.structure.description import updatable_parameters as updated_parameters_of
 from probupdate.structure.description_file import parse_description
 from probupdate.structure.effect_kinds import KINDS
-from probupdate.structure.load import turbine_model
+from probupdate.structure.load import turbine_model, turn_to
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.schema import suggest
 
@@ -110,7 +110,7 @@ def extended_model(
     if parameters is not None:
         parameters = _append_effects(parameters, description, effects)
     return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg or 0.0, turns_deg=turns_deg)
+                         turn_deg=turn_to(description, nacelle_angle_deg), turns_deg=turns_deg)
 
 
 def _append_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:

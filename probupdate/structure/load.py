@@ -31,8 +31,14 @@ from probupdate.structure.parameter_table import read_parameters, read_toml, upd
 from probupdate.structure.pile_head import pile_head_stiffness
 from probupdate.structure.readings import FeltGravity
 from probupdate.structure.schema import suggest
-from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
-from probupdate.structure.turbine_frame import build_frame
+from probupdate.structure.subdyn_model import (
+    described_model,
+    is_subdyn,
+    subdyn_angle_deg,
+    subdyn_model,
+    subdyn_sensors,
+)
+from probupdate.structure.turbine_frame import build_frame, described_angle_deg
 from probupdate.structure.turned_nacelle import turned_terms
 
 REFERENCE_STATES = ("design", "as_built", "updated")
@@ -91,8 +97,9 @@ def load_model(
     if "matrices" in raw:
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters, table)
-    return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg or 0.0)
+    description = parse_description(raw, str(path))
+    return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
+                         turn_deg=turn_to(description, nacelle_angle_deg))
 
 
 def _unknown_form(path: Path) -> InputError:
@@ -215,19 +222,32 @@ def matrices_file(path: str | Path) -> tuple[Path, str]:
     return file, str(raw.get("name") or file.stem)
 
 
+def turn_to(description: Description, nacelle_angle_deg: float | None) -> float:
+    """By how much the nacelle is turned from where it is described, so that it looks there; None: not at all."""
+    return 0.0 if nacelle_angle_deg is None else (nacelle_angle_deg - described_angle_deg(description)) % 360.0
+
+
+def resting_angle_deg(path: Path) -> float:
+    """Where the nacelle looks in a model's file as it is, counter-clockwise from the model's x axis."""
+    if is_subdyn(path):
+        return subdyn_angle_deg(path)
+    raw = read_toml(path) if path.suffix == ".toml" else {"matrices": {}}
+    return 0.0 if "matrices" in raw else described_angle_deg(parse_description(raw, str(path)))
+
+
 def turbine_model(
     description: Description,
     *,
     where: str,
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
-    nacelle_angle_deg: float = 0.0,
+    turn_deg: float = 0.0,
     frame: Frame | None = None,
     turns_deg: Sequence[float] = (),
 ) -> AffineModel:
-    """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m. `frame`:
-    `build_frame` of this description and heading, where it has been built already. `turns_deg`: by how much the nacelle
-    looks elsewhere in the model's `turned`."""
+    """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m. turn_deg:
+    of the nacelle from where it is described. `frame`: `build_frame` of this description and turn, where it has been
+    built already. `turns_deg`: by how much the nacelle looks elsewhere in the model's `turned`."""
     parameters = updated_of(description, where) if parameters is None else parameters
     known = {*description.own_parameters, *(p.name for p in description.effects)}
     values = dict(parameters.held) | {p.name: p.initial for p in parameters}
@@ -236,7 +256,7 @@ def turbine_model(
             raise InputError(f"{where}: parameter {name}", "the model has no such parameter", suggest(name, known))
     values = description.values | values
     try:
-        frame = build_frame(description, nacelle_angle_deg) if frame is None else frame
+        frame = build_frame(description, turn_deg) if frame is None else frame
     except InputError as error:
         # what is built knows its parameters, not the file
         raise InputError(f"{where}: {error.where}", error.problem, error.remedy) from None
@@ -259,7 +279,7 @@ def turbine_model(
         channel_matrix=rows[: len(chosen)],
         tilt_matrix=rows[len(chosen) :],
         gravity=_felt_gravity(description, chosen, parameters, values),
-        hash_key=_hash(description, values, chosen, nacelle_angle_deg),
+        hash_key=_hash(description, values, chosen, turn_deg),
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
         derived={} if frame.pile_head is None else pile_head_stiffness(
@@ -317,12 +337,12 @@ def _wireframe(frame: Frame) -> tuple[Wireframe, sparse.csr_array]:
     return Wireframe(node_m=frozen_array(frame.node_m), line=frozen_array(lines, int), line_group=groups), rows
 
 
-def _hash(description: Description, values, sensors: Sequence[Sensor], nacelle_angle_deg: float) -> str:
+def _hash(description: Description, values, sensors: Sequence[Sensor], turn_deg: float) -> str:
     """All that determines the matrices and rows; priors are the model's own affair and enter its fingerprint."""
     content = description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"})
     places = [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in sensors]
     parts = {s.channel: s.part for s in description.sensor}
-    state = [FORMULATION, content, dict(sorted(values.items())), places, parts, nacelle_angle_deg]
+    state = [FORMULATION, content, dict(sorted(values.items())), places, parts, turn_deg]
     if description.effects:
         keys = ("name", "lower", "upper", *EffectKeys.model_fields)
         state.append([p.model_dump(mode="json", include=set(keys)) for p in description.effects])

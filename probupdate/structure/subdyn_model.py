@@ -55,6 +55,8 @@ from probupdate.structure.subdyn_tower import (
 
 # raise it when the same files give other matrices
 FORMULATION = 2
+# wind blows along x, and an upwind rotor looks against it
+UPWIND_DEG = 180.0
 # how far from a member's surface a sensor may sit, as a share of the structure's extent
 REACH = 0.02
 WholeNumber = Annotated[int, Strict(), Field(ge=1)]
@@ -230,17 +232,17 @@ def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
     return _file_sensors(*with_tower(read_description(read_toml(path), path), path), path)
 
 
-def resting_angle_deg(path: Path) -> float:
-    """Where the nacelle looks in a model's file as it is, counter-clockwise from the model's x axis: along x, but of an
-    ElastoDyn file along NacYaw, and the other way round where its rotor is upwind (OverHang below zero)."""
+def subdyn_angle_deg(path: Path) -> float:
+    """Where the nacelle looks in a model's file as it is, counter-clockwise from the model's x axis: along -x, as of an
+    ElastoDyn file whose rotor is upwind (OverHang below zero), turned by NacYaw; a downwind one the other way round."""
     raw = read_toml(path) if path.suffix == ".toml" else {}
-    return _looks_deg(read_description(raw, path), path) if "subdyn" in raw else 0.0
+    return _looks_deg(read_description(raw, path), path) if "subdyn" in raw else UPWIND_DEG
 
 
 def _looks_deg(description: SubDynDescription, path: Path) -> float:
     entry = description.tower
     if entry is None or entry.elastodyn is None or description.rotor_nacelle is not None:
-        return 0.0
+        return UPWIND_DEG
     return read_elastodyn(named_file(path, entry.elastodyn, "tower.elastodyn"), path.parent).looks_deg
 
 

@@ -26,9 +26,16 @@ from probupdate.structure.nacelle import nacelle_bodies
 from probupdate.structure.turbine_mesh import Mesh, add_tower
 
 
-def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Frame:
+def described_angle_deg(description: Description) -> float:
+    """Where the nacelle looks as described, counter-clockwise from the x axis: to the hub's side of the tower, -x where
+    it is above it."""
+    x, y, _ = next((entry.offset_m for entry in description.rna if entry.name == "hub"), (-1.0, 0.0, 0.0))
+    return float(np.degrees(np.arctan2(y, x))) if np.hypot(x, y) > 0 else 180.0
+
+
+def build_frame(description: Description, turn_deg: float = 0.0) -> Frame:
     """Mesh the described turbine. Bodies of the nacelle and rotor are tied rigidly to the tower's top, turned about
-    the vertical from where the description has them by nacelle_angle_deg, counter-clockwise seen from above."""
+    the vertical from where the description has them by turn_deg, counter-clockwise seen from above."""
     mesh, head, pile, held = Mesh(description), None, None, ()
     if isinstance(description, JacketTurbine):
         foot, bodies, springs, head = add_jacket(mesh, description)
@@ -43,7 +50,7 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     top, flanges = add_tower(mesh, foot)
     hang_masses(mesh)
     loosen(mesh)
-    turn = Rotation.from_euler("z", nacelle_angle_deg, degrees=True).as_matrix()
+    turn = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
     nacelle = nacelle_bodies(description, mesh.effects, mesh.nodes[top], turn)
     number = len(mesh.nodes)
     mesh.nodes += nacelle.positions

@@ -240,8 +240,8 @@ def _environments(plan, block, heading, truth: Truth, amount, scada_rng, rng) ->
             "state": operation.STATES[state[k]],
             **{name: float(table[name].to_numpy()[slots[k]].mean()) for name in MEANS},
             "nacelle_heading_deg": float(reported % 360.0),
-            # counter-clockwise, as the model turns
-            "nacelle_angle_deg": float((-reported + 180.0) % 360.0 - 180.0),
+            # counter-clockwise from x; at heading 0 it looks along -x
+            "nacelle_angle_deg": float((-reported) % 360.0 - 180.0),
             "block_minutes": BLOCK_S / 60,
             "rms_mps2": float(rms[k]),
         })

@@ -22,7 +22,7 @@ def test_a_campaign_is_read_in_the_order_of_the_starts(campaign_folder, signal):
     assert campaign.channels == ("a-x", "a-y")
     assert [f.path.name for f in campaign.files] == ["z.h5", "a.h5"]
     assert campaign.unit_factor == pytest.approx([1.0, 9.80665])
-    assert campaign.scada is None and campaign.water_depth_m is None and campaign.x_axis_heading_deg == 0
+    assert campaign.scada is None and campaign.water_depth_m is None and campaign.x_axis_heading_deg == 180
 
 
 def test_a_byte_order_mark_of_an_editor_is_no_mistake(campaign_folder, signal):

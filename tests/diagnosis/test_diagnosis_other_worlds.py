@@ -89,7 +89,7 @@ def test_one_channel_has_no_pairs_of_shapes(family, tmp_path, validation):
     row = validation(what="one channel on a mast alike both ways, a loss and nothing: verdict; size in its standard "
                           "deviations", reference="what was hidden")
     record, found = diagnosed(family, 1, tmp_path)
-    row.equal(found.verdict, "ambiguous" if record.places else "none", "verdict")
+    row.equal(found.verdict, "named" if record.places else "none", "verdict")
     if record.places:
         (one,) = found.findings
         assert record.places <= {(one.cause, one.location), *((a.cause, a.location) for a in one.alternatives)}

@@ -106,9 +106,9 @@ def test_effects_are_what_a_hand_would_edit(entries, value, change, validation):
     """With the nacelle turned, so that its axes are not the structure's."""
     checked = validation(what="masses, inertias, centre of mass, flooding, weight, temperature, nacelle turned",
                          reference="the file edited by hand", why="eigensolver")
-    turbine, raw = model(with_effects(entries), nacelle_angle_deg=40.0), _plain_raw()
+    turbine, raw = model(with_effects(entries), turn_deg=40.0), _plain_raw()
     change(raw)
-    expected, before = frequencies(model(raw, nacelle_angle_deg=40.0)), bare()
+    expected, before = frequencies(model(raw, turn_deg=40.0)), bare()
     checked.error(frequencies(turbine, *[value] * len(entries)) / expected - 1, below=1e-9)
     assert np.abs(before / expected - 1).max() > 1e-5
 

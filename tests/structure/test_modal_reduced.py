@@ -64,7 +64,7 @@ def test_a_mesh_is_where_its_nodes_are():
     raw, wider = small_turbine(), small_turbine()
     wider["jacket"]["bottom"]["leg_spacing_m"] *= 1.05
     here, turned, other = (
-        turbine_model(parse_description(one, "model.toml"), where="model.toml", nacelle_angle_deg=angle)
+        turbine_model(parse_description(one, "model.toml"), where="model.toml", turn_deg=angle)
         for one, angle in ((raw, 0.0), (raw, 65.0), (wider, 0.0)))
     assert here.n_dof == turned.n_dof == other.n_dof
     assert here.mesh == turned.mesh != other.mesh
