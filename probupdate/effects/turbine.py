@@ -29,6 +29,7 @@ from probupdate.structure.description import (
     Offshore,
     TubeEntry,
     described_sensors,
+    station_pairs,
 )
 from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import EffectParameter
@@ -154,7 +155,7 @@ def _transition_piece(d: JacketTurbine) -> Iterator[Effect]:
 
 
 def _flanges(d: Description) -> Iterator[Effect]:
-    for number, station in enumerate(d.tower.station[:-1]):
+    for number, (station, _) in enumerate(station_pairs(d.tower.station)):
         soft, _ = _flexibility_of_three_diameters(d, station.diameter_m, station.thickness_m)
         yield _row(f"hinge_{station.z_m:g}".replace(".", "_"), "hinge", "tower flange flexibility",
                    f"tower at {station.z_m:g} m", settings={"at_m": station.z_m}, on={"group": "tower"}, low=0.0,
@@ -342,8 +343,7 @@ def _masses(d: Description) -> Iterator[Effect]:
                    settings={"axis": axis}, low=-0.5 * heaviest.inertia_kgm2[k], high=3.0 * most,
                    tolerance=0.02 * inertia, prior_scale=0.3 * most,
                    signature="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
-    stations = d.tower.station
-    for low, high in pairwise(stations):
+    for low, high in station_pairs(d.tower.station):
         own = _tube_mass(d, 0.5 * (low.diameter_m + high.diameter_m), 0.5 * (low.thickness_m + high.thickness_m),
                          high.z_m - low.z_m)
         band = (low.z_m, high.z_m)

@@ -20,7 +20,7 @@ from probupdate.modal.sensor_places import place_numbers
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Values
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, station_pairs, tube_between_stations
 from probupdate.structure.description import Section as Station
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.schema import suggest
@@ -186,27 +186,33 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
     )
 
 
-def _tube_at(tube: Tube, stations: Sequence[Station], z_m: float) -> Tube:
-    """An element's tube with the size of its own end: elements between stations have that of their middle."""
-    if not stations:
-        return tube
-    diameter, wall = (np.interp(z_m, [s.z_m for s in stations], [getattr(s, name) for s in stations])
-                      for name in ("diameter_m", "thickness_m"))
-    return replace(tube, diameter_m=float(diameter), thickness_m=float(wall))
+def _tube_at(tube: Tube, stations: Sequence[Station], z_m: float, middle_m: float) -> Tube:
+    """An element's tube with the size of its own end: elements between stations have that of their middle, which also
+    says on which side of a step the end is."""
+    for low, high in station_pairs(stations):
+        if low.z_m <= middle_m <= high.z_m:
+            size = tube_between_stations(low, high, z_m)
+            return replace(tube, diameter_m=size.diameter_m, thickness_m=size.thickness_m)
+    return tube
 
 
 def girth(frame: Frame, tapers: Mapping[str, Sequence[Station]], part: str, z_m: float, where: str) -> Detail:
-    """The end of an element of `part` nearest to the level; place 1 looks along x, the angle counts
-    counter-clockwise."""
+    """The end of an element of `part` nearest to the level, at a step that with the thinner wall; place 1 looks along
+    x, the angle counts counter-clockwise."""
+    def section(number: int, end: int) -> Tube:
+        b = frame.beams[number]
+        levels = [float(frame.node_m[node][2]) for node in (b.start, b.end)]
+        return _tube_at(b.tube, tapers.get(part, ()), levels[end], 0.5 * sum(levels))
+
     ends = [
-        (abs(frame.node_m[node][2] - z_m), number, end)
+        (abs(frame.node_m[node][2] - z_m), round(section(number, end).thickness_m, 9), number, end)
         for number, b in enumerate(frame.beams)
         if b.part == part
         for end, node in enumerate((b.start, b.end))
     ]
     if not ends:
         raise InputError(where, f"part '{part}' is not in the model", suggest(part, frame.parts))
-    gap, number, end = min(ends)
+    gap, _, number, end = min(ends)
     b = frame.beams[number]
     if gap > REACH_M:
         level = float(frame.node_m[b.start if end == 0 else b.end][2])
@@ -235,7 +241,7 @@ def girth(frame: Frame, tapers: Mapping[str, Sequence[Station]], part: str, z_m:
         saddle=frozen_array(np.cross(upward, crown)),
         beam=b,
         chord=None,
-        section=_tube_at(b.tube, tapers.get(part, ()), level),
+        section=section(number, end),
         place_m=frozen_array((start, stop)[end]),
     )
 

@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from probupdate.io.files import written_whole
 
@@ -118,11 +119,23 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
         axes.set_title(title)
 
 
+def _write_powers_plainly(figure: Figure) -> None:
+    """Labels of logarithmic axes as 1e-4: matplotlib writes them as mathematics, which names in this style are not."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            for label, change in ((axis.get_major_formatter(), axis.set_major_formatter),
+                                  (axis.get_minor_formatter(), axis.set_minor_formatter)):
+                if isinstance(label, LogFormatterMathtext):
+                    # of small ranges labels stand between the powers too
+                    change(LogFormatter(labelOnlyBase=label.labelOnlyBase, minor_thresholds=label.minor_thresholds))
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """The figure as a file of its own, on white, the same bytes for the same figure."""
     # a PDF has a date where others have none to leave out
     key = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix)
     with matplotlib.rc_context(_STYLE):
+        _write_powers_plainly(figure)
         metadata = None if key is None else {key: None}
         with written_whole(path) as part:
             figure.savefig(part, format=path.suffix[1:], dpi=160, facecolor="white", metadata=metadata)
@@ -173,6 +186,7 @@ def svg_text(figure: Figure, prefix: str) -> str:
     stream = io.StringIO()
     with matplotlib.rc_context(_STYLE):
         figure.set_dpi(160)
+        _write_powers_plainly(figure)
         # not savefig, which draws everything once more before, for a layout that the drawing itself makes too
         with ticks_found_once(figure):
             FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, Strict
@@ -142,6 +144,21 @@ class Section(Table):
     z_m: Number
     diameter_m: Positive
     thickness_m: Positive
+
+
+S = TypeVar("S", bound=Section)
+
+
+def station_pairs(stations: Sequence[S]) -> list[tuple[S, S]]:
+    """Neighbours between which a tube stands: two stations at one level are a step of its wall or diameter."""
+    return [(low, high) for low, high in pairwise(stations) if low.z_m < high.z_m]
+
+
+def tube_between_stations(low: Section, high: Section, z_m: float) -> TubeEntry:
+    """The tube at a level between two stations."""
+    t = (z_m - low.z_m) / (high.z_m - low.z_m)
+    return TubeEntry(diameter_m=low.diameter_m + t * (high.diameter_m - low.diameter_m),
+                     thickness_m=low.thickness_m + t * (high.thickness_m - low.thickness_m))
 
 
 class Station(Section):

@@ -94,9 +94,12 @@ def _check_order(rows: Iterable[tuple[str, float, str, float]]) -> Iterator[Mist
 
 
 def _check_upwards(key: str, stations) -> Iterator[Mistake]:
-    for k, (a, b) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
-        if not a.z_m < b.z_m:
-            yield f"{key}[{k + 2}].z_m", f"{b.z_m} is not above {a.z_m}", "list the stations upwards"
+    z = [station.z_m for station in stations]
+    for k in range(1, len(z)):
+        is_step = z[k] == z[k - 1] and 1 < k < len(z) - 1 and z[k - 2] < z[k]
+        if not (z[k - 1] < z[k] or is_step):
+            yield (f"{key}[{k + 1}].z_m", f"{z[k]} is not above {z[k - 1]}",
+                   "list the stations upwards; two at one level, with others below and above, are a step of the wall")
 
 
 def _check_levels(d: Description) -> Iterator[Mistake]:

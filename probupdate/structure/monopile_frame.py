@@ -7,9 +7,17 @@ from itertools import pairwise
 import numpy as np
 
 from probupdate.structure.coefficient import Coefficient, parameter, product
-from probupdate.structure.description import FoundationTurbine, Grout, MonopileTurbine, Sleeve, TubeEntry
+from probupdate.structure.description import (
+    FoundationTurbine,
+    Grout,
+    MonopileTurbine,
+    Sleeve,
+    TubeEntry,
+    station_pairs,
+    tube_between_stations,
+)
 from probupdate.structure.frame import Body, LineMass, NodeSpring, Tie
-from probupdate.structure.turbine_mesh import Member, Mesh, Segment, drive_pile, tube_between_stations
+from probupdate.structure.turbine_mesh import Member, Mesh, Segment, drive_pile
 
 PILE, SLEEVE = Member("pile", "monopile"), Member("column", "transition piece")
 # what holds the foot of a tower on land: no beam, but a place where effects act
@@ -20,13 +28,13 @@ EACH_WAY = np.eye(6)
 
 def add_monopile(mesh: Mesh, d: MonopileTurbine) -> tuple[int, list[Body], list[NodeSpring], int]:
     """-> the tower's foot, lumped masses, the spring at the tip, the pile's node at the mudline."""
-    stations, sleeve = d.monopile.station[::-1], d.transition_piece
-    top = mesh.node([0, 0, stations[0].z_m])
+    sleeve = d.transition_piece
+    top = mesh.node([0, 0, d.monopile.station[-1].z_m])
     overlap = () if sleeve is None or sleeve.connection == "bolted" else (sleeve.bottom_m,)
     chain: list[Segment] = []
     entries: list[TubeEntry] = []
     above = top
-    for high, low in pairwise(stations):
+    for low, high in reversed(station_pairs(d.monopile.station)):
         below = mesh.node([0, 0, low.z_m])
         own = mesh.chain(above, below, "pile", at_m=overlap)
         chain, entries = [*chain, *own], [*entries, *(tube_between_stations(low, high, s.z_m) for s in own)]

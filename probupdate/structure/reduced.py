@@ -327,19 +327,21 @@ def _proper_orthogonal(snapshots, K, max_size):
         last = len(members) - 1
         inside = gram[np.ix_(members, members)]
         energy, vector = linalg.eigh(inside, subset_by_index=(max(0, last + 1 - max_size), last))
-        kept = energy > 1e-12 * energy[-1]
+        kept = np.flatnonzero(energy > 1e-12 * energy[-1])[::-1]
         vectors.append(_orthonormal(snapshots[:, members] @ (vector[:, kept] / np.sqrt(energy[kept])), K))
-        energies.append(energy[kept])
-        families.append(np.full(kept.sum(), k))
+        energies.append(energy[kept[: vectors[-1].shape[1]]])
+        families.append(np.full(vectors[-1].shape[1], k))
     order = np.argsort(np.concatenate(energies))[::-1][:max_size]
     return np.hstack(vectors)[:, order], np.concatenate(families)[order]
 
 
 def _orthonormal(basis, K):
-    """K-orthonormal basis of the same space; twice, as once leaves rounding of the order of the condition."""
+    """K-orthonormal basis of the same space; twice, as once leaves rounding of the order of the condition. It ends
+    before the first vector of which rounding hides the energy: elements a few millimetres long are that stiff."""
     for _ in range(2):
-        factor = np.linalg.cholesky(basis.T @ (K @ basis))
-        basis = np.linalg.solve(factor, basis.T).T
+        factor, failed = linalg.lapack.dpotrf(basis.T @ (K @ basis), lower=1)
+        n = failed - 1 if failed else basis.shape[1]
+        basis = linalg.solve_triangular(factor[:n, :n], basis[:, :n].T, lower=True).T
     return basis
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from probupdate.structure import soil
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficient, inverse, parameter, product
-from probupdate.structure.description import Description, Group, Offshore, Section, TubeEntry
+from probupdate.structure.description import Description, Group, Offshore, TubeEntry, tube_between_stations
 from probupdate.structure.effects import Effects, Place, bay_at, ends
 from probupdate.structure.frame import Beam, Body, LineMass, LineSpring, NodeSpring, Tie
 from probupdate.structure.local_functions import PileMoments, Warmth, Water, Wetting
@@ -197,13 +197,6 @@ def flooding(d: Offshore, tube: Tube) -> Coefficient:
     return Water(kind="flooding", tube=tube, density_kgpm3=d.site.water_density_kgpm3).coefficient_of()
 
 
-def tube_between_stations(low: Section, high: Section, z_m: float) -> TubeEntry:
-    """The tube at a level between two stations."""
-    t = (z_m - low.z_m) / (high.z_m - low.z_m)
-    return TubeEntry(diameter_m=low.diameter_m + t * (high.diameter_m - low.diameter_m),
-                     thickness_m=low.thickness_m + t * (high.thickness_m - low.thickness_m))
-
-
 def drive_pile(
     mesh: Mesh, chain: Sequence[Segment], entries: Sequence[TubeEntry], member: Member, *, flooded: bool,
     single: bool = False,
@@ -266,10 +259,11 @@ def add_tower(mesh: Mesh, foot: int) -> tuple[int, list[Body]]:
     secondary = LineMass(per_metre=Coefficient(mesh.d.tower.secondary_steel_kgpm), dry=True)
     bodies, below = [Body(node=foot, mass=Coefficient(stations[0].flange_kg))], foot
     for low, high in pairwise(stations):
-        above = mesh.node([0, 0, high.z_m])
-        for segment in mesh.chain(below, above, "tower", cut=False):
-            entry = tube_between_stations(low, high, segment.z_m)
-            mesh.beam(segment, member, mesh.tube(member, entry, segment), carried=(secondary,))
-        bodies.append(Body(node=above, mass=Coefficient(high.flange_kg)))
-        below = above
+        if low.z_m < high.z_m:
+            above = mesh.node([0, 0, high.z_m])
+            for segment in mesh.chain(below, above, "tower", cut=False):
+                entry = tube_between_stations(low, high, segment.z_m)
+                mesh.beam(segment, member, mesh.tube(member, entry, segment), carried=(secondary,))
+            below = above
+        bodies.append(Body(node=below, mass=Coefficient(high.flange_kg)))
     return below, bodies

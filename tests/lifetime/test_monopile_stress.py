@@ -141,3 +141,21 @@ def test_stress_and_thickness_are_the_welds_own(described):
     theta = whole.parameters.initial
     ranges = [m.reduce([]).solve(theta).equivalent_mpa(3.0) for m in (whole, twice)]
     np.testing.assert_allclose(ranges[1], 2 * ranges[0], rtol=1e-9)
+
+
+def test_the_thinner_wall_is_stressed_at_a_step(described):
+    """Two stations at one level: of the plates that meet there the thinner one, whichever is above."""
+    def stepped(part, z, thickness):
+        table = getattr(described, part)
+        at = [s.z_m for s in table.station].index(z)
+        own = table.station[at]
+        other = own.model_copy(update={"thickness_m": thickness} | ({"flange_kg": 0.0} if part == "tower" else {}))
+        return {part: table.model_copy(update={"station": (*table.station[: at + 1], other, *table.station[at + 1 :])})}
+
+    thinner = {("monopile", -5.0): 0.050, ("tower", 58.0): 0.030}
+    own = described.model_copy(update=stepped("monopile", -5.0, 0.050) | stepped("tower", 58.0, 0.030))
+    turned = described.model_copy(update=stepped("monopile", -5.0, 0.070) | stepped("tower", 58.0, 0.045))
+    for model, walls in ((own, thinner), (turned, {})):
+        expected = [1e-6 * (HUB_M - z) / section_modulus(size[0], walls.get((part, z), size[1]))
+                    for (part, z), size in WELDS.items()]
+        assert bending(welded(model, softened=False)) == pytest.approx(expected, rel=1e-5)

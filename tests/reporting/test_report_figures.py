@@ -278,3 +278,21 @@ def test_steps_of_rows_that_read_alike_stand_beside_their_own():
     assert marks.get_xdata().tolist() == [0.01, 0.02]
     # a file of before has no numbers
     assert row_of({"cause": "stiffness", "location": "leg A"}) == ("stiffness", "leg A")
+
+
+@pytest.mark.parametrize("most", [8e-4, 3e-2])
+def test_logarithmic_axes_have_plain_labels(most, tmp_path):
+    """Where dollar signs are letters, matplotlib's powers of ten stood there as TeX."""
+    def drawn():
+        figure = style.new_figure(4.0, 3.0)
+        axis = figure.subplots()
+        axis.scatter([1.0, 2.0], [2e-4, most])
+        axis.set_yscale("log")
+        return figure
+
+    style.save_figure(figure := style.with_style(drawn)(), tmp_path / "log.svg")
+    figure.canvas.draw()
+    labels = [t.get_text() for m in (False, True) for t in figure.axes[0].get_yticklabels(minor=m) if t.get_text()]
+    assert len(labels) >= 2 and all(float(text.replace("−", "-")) > 0 for text in labels)
+    for text in ((tmp_path / "log.svg").read_text("utf-8"), style.svg_text(style.with_style(drawn)(), "one")):
+        assert "mathdefault" not in text

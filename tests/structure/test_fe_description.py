@@ -55,6 +55,7 @@ def message(raw):
         ("jacket.top.z_m", 30.0, "jacket.top.z_m", "is not below transition_piece.strut_top_m"),
         ("transition_piece.strut_top_m", 12.5, "transition_piece.strut_top_m", "is above the tower's foot 12.0"),
         ("tower.station[2].z_m", 11.5, "tower.station[2].z_m", "11.5 is not above 12.0"),
+        ("tower.station[2].z_m", 12.0, "tower.station[2].z_m", "are a step of the wall"),
         ("jacket.bay[1].top_m", 9.0, "jacket.bay[1]", "beyond the legs, -19.0 to 8.0 m"),
         ("jacket.bay[1].top_m", -18.5, "jacket.bay[1].bottom_m", "-18.0 is not below top_m = -18.5"),
         ("jacket.leg_names", ["A", "B", "B", "D"], "jacket.leg_names", "'B' is listed twice"),

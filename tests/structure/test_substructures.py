@@ -22,6 +22,7 @@ from probupdate.structure.load import load_model, turbine_model
 from probupdate.structure.mode_labels import mode_labels
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.places import place_of
+from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.turbine_frame import build_frame
 
 TEMPLATES = Path(probupdate.__file__).parent / "templates"
@@ -313,3 +314,40 @@ def test_a_grout_that_does_not_fit_is_refused():
 def test_bodies_of_a_tower_on_land_are_its_own():
     frame = build_frame(described("on springs"))
     assert all(isinstance(body, Body) for body in frame.bodies) and frame.pile_head is None
+
+
+def stepped(rise):
+    """The template with a thinner wall from each inner station upwards, over a taper of that rise (m)."""
+    made = raw("monopile")
+    for table in (made["monopile"], made["tower"]):
+        first, *inner, last = table["station"]
+        table["station"] = [first]
+        for station in inner:
+            above = {key: 0.0 for key in station if key == "flange_kg"}
+            above |= {"z_m": station["z_m"] + rise, "thickness_m": 0.9 * station["thickness_m"]}
+            table["station"] += [station, station | above]
+        table["station"].append(last)
+    return parse_description(made, "model.toml")
+
+
+def test_two_stations_at_one_level_are_a_step():
+    """The limit of ever shorter tapers: what 10 mm miss is their length over the station's, not more."""
+    step, short, long = (turbine_model(stepped(rise), where="model.toml") for rise in (0.0, 0.01, 1.0))
+    found, near = (m.solve(m.parameters.initial, 6).frequency_hz for m in (step, short))
+    assert step.n_dof < short.n_dof
+    assert found == pytest.approx(near, rel=0.01 / 20)
+    assert np.all(np.abs(found / long.solve(step.parameters.initial, 6).frequency_hz - 1)[:2] > 1e-5)
+    names = [row.name for row in turbine_effects(stepped(0.0))]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("rise", [0.02, 0.001])
+def test_millimetres_between_stations_leave_a_basis(rise):
+    """Rounding in elements so stiff hid the energy of small vectors, and no basis was built."""
+    model = turbine_model(stepped(rise), where="model.toml")
+    own = model.parameters
+    box = (np.maximum(own.lower, own.initial - 2 * own.std), np.minimum(own.upper, own.initial + 2 * own.std))
+    reduced = reduce_basis(model, n_mode=5, box=box, frequency_tolerance=2e-6, n_snapshot=48, n_verify=24)
+    theta = np.random.default_rng(77).uniform(*box, (5, len(own)))
+    exact = [model.solve(row, 5).frequency_hz for row in theta]
+    assert reduced.solve_many(theta, 5).frequency_hz == pytest.approx(np.array(exact), rel=2e-6)
