@@ -92,11 +92,9 @@ class Identification:
         """modes.json, modes.deviations.h5 where there are covariance factors, and modes.poles.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
-        write_modes(self.data, out)
+        written = write_modes(self.data, out)
         write_table(table, self.poles)
-        beside = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.covariance_factors
-                                                                     for s in self.data.sets) else []
-        return [out, *beside, table]
+        return [*written, table]
 
 
 def identify(

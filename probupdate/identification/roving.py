@@ -68,10 +68,9 @@ class MergedModes:
         """modes.json, modes.deviations.h5 and modes.setups.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.setups.csv")
-        write_modes(self.data, out)
+        written = write_modes(self.data, out)
         write_table(table, self.table)
-        factors = [out.with_name(f"{out.stem}.deviations.h5")] if self.data.set().covariance_factors else []
-        return [out, *factors, table]
+        return [*written, table]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

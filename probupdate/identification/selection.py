@@ -93,10 +93,10 @@ class Selection:
         out = Path(out)
         own = "" if out.name == "nine.json" else f"{out.stem}."
         table, scatter = out.with_name(f"{own}selection.csv"), out.with_name(f"{own}selection.cov.csv")
-        write_modes(self.data, out)
+        written = write_modes(self.data, out)
         write_table(table, self.table)
         write_table(scatter, self.scatter)
-        return [out, table, scatter]
+        return [*written, table, scatter]
 
 
 def select(

@@ -373,9 +373,9 @@ def _nulls(array: np.ndarray):
     return [_nulls(row) if np.ndim(row) else (float(row) if np.isfinite(row) else None) for row in array]
 
 
-def write_modes(data: ModalData, path: str | Path) -> None:
+def write_modes(data: ModalData, path: str | Path) -> list[Path]:
     """Write `modes.json`, and where a set has covariance factors `<stem>.deviations.h5` before it; `read_modes`
-    inverts it."""
+    inverts it. -> these files, modes.json first."""
     content: dict = {"format": FORMAT, "channels": list(data.channels)}
     if data.labels:
         content["labels"] = list(data.labels)
@@ -395,6 +395,7 @@ def write_modes(data: ModalData, path: str | Path) -> None:
         tail["deviations"] = write_factors(with_factors, Path(path))
     # set by set: a year's numbers as Python's are a gigabyte
     write_json_rows(path, content, "sets", map(_set_table, data.sets), tail)
+    return [Path(path), *(Path(path).with_name(name) for name in tail.values())]
 
 
 def _set_table(s: ModalSet) -> dict:

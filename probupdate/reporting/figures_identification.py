@@ -153,15 +153,16 @@ def against_conditions(
 
     frequency_hz, std_hz (n_block, n_mode), NaN where not found or not known; conditions: name with unit -> (n_block,).
     """
-    names = list(conditions)
-    figure = new_figure(FULL_IN, 0.6 + 1.15 * len(labels))
-    panels = figure.subplots(len(labels), len(names), squeeze=False, sharey="row", sharex="col")
-    for j, label in enumerate(labels):
-        middle = np.nanmedian(frequency_hz[:, j]) if np.isfinite(frequency_hz[:, j]).any() else np.nan
+    # a mode that no block has is no row
+    names, found = list(conditions), np.flatnonzero(np.isfinite(frequency_hz).any(axis=0))
+    figure = new_figure(FULL_IN, 0.6 + 1.15 * len(found))
+    panels = figure.subplots(len(found), len(names), squeeze=False, sharey="row", sharex="col")
+    for row, j in enumerate(found):
+        label, middle = labels[j], np.nanmedian(frequency_hz[:, j])
         away = 100 * (frequency_hz[:, j] / middle - 1)
         color, marker = mode_mark(label, j)
         for k, name in enumerate(names):
-            axes: Axes = panels[j, k]
+            axes: Axes = panels[row, k]
             rows = np.isfinite(away) & np.isfinite(conditions[name])
             axes.errorbar(conditions[name][rows], away[rows], yerr=100 * np.nan_to_num(std_hz[rows, j] / middle),
                           fmt="none", ecolor=PALE, elinewidth=0.6, zorder=1)
@@ -174,5 +175,5 @@ def against_conditions(
         if len(finite):
             # a few strays must not flatten what the others show
             reach = 1.3 * np.percentile(np.abs(finite), 97) or 1.0
-            panels[j, 0].set_ylim(-reach, reach)
+            panels[row, 0].set_ylim(-reach, reach)
     return figure

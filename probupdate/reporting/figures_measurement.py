@@ -139,7 +139,10 @@ def mode_shapes(
     states: "initial" and "updated" -> displacement (n_node, 3, n_mode) in metres as drawn; points_m (n_point, 3) and
     measured (n_point, 3, n_mode): sensors and their motion, in the same scale, NaN where not measured.
     """
-    n_mode = len(titles)
+    # one of which nothing is known is no panel
+    seen = [*states.values(), *([] if measured is None else [measured])]
+    shown = [j for j in range(len(titles)) if any(np.isfinite(x[:, :, j]).any() for x in seen)] or [*range(len(titles))]
+    n_mode = len(shown)
     extent = np.ptp(wire.node_m, axis=0)
     wide = extent[2] < 0.5 * extent[:2].max()
     columns = min(n_mode, 2 if wide else 5)
@@ -148,7 +151,7 @@ def mode_shapes(
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     looks = {"initial": {"colors": "#8a6d3b", "linewidths": 0.7, "linestyles": (0, (4, 2))},
              "updated": {"colors": BLUE, "linewidths": 1.0}}
-    for j, axes in enumerate(panels[:n_mode]):
+    for j, axes in zip(shown, panels, strict=False):
         _draw_wire(axes, _project(wire.node_m), wire.line, colors=PALE, linewidths=0.6)
         for name, displacement in states.items():
             if np.all(np.isfinite(displacement[:, :, j])):

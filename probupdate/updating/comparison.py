@@ -20,8 +20,11 @@ from probupdate.updating.identifiability import (
     PRIOR,
     STRONG,
     cov_of,
+    gaussian_width,
     identifiability,
+    is_too_narrow,
     sampled_width,
+    too_narrow_sentence,
 )
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.settings import CONSTANTS
@@ -178,9 +181,13 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), unproven=is_unproven(update),
+    narrow = _too_narrow(update, posterior)[k]
+    width = max(contraction, gaussian_width(update.map_covariance, update.parameters)[k]) if narrow else contraction
+    if narrow:
+        flags.append("too narrow: see the notes")
+    identified = identifiability(width, at_bound=bool(update.map_at_bound[k]), unproven=is_unproven(update),
                                  description=parameter.description)
-    if contraction < STRONG and identified == PARTLY:
+    if width < STRONG and identified == PARTLY:
         flags.append("its narrow interval rests on the stated standard deviations, which this fit does not confirm")
     sets = update.sets
     row: dict[str, Any] = dict(
@@ -274,6 +281,9 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results depend on those bounds")
     notes += [f"{r.name} has no CoV, as its mean is within two standard deviations of zero: {r.mean:.3g} +- "
               f"{r.std:.2g} {'' if r.unit == '-' else r.unit}".rstrip() for r in rows if np.isnan(r.cov)]
+    approximate = np.sqrt(np.diag(update.map_covariance))
+    notes += [too_narrow_sentence(row.name, row.std, _of_sources(update)[k], approximate[k])
+              for k, row in enumerate(rows) if _too_narrow(update, posterior)[k]]
     notes += _otherwise_at_the_map(update, rows)
     printed = update.scheme("step")
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
@@ -294,6 +304,17 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
         )
     notes += list(update.left_out)
     return notes
+
+
+def _of_sources(update: UpdateRecord) -> np.ndarray:
+    """(n_param,) standard deviation of the estimate by the model's stated error sources."""
+    parts = update.components
+    return np.zeros(len(update.parameters)) if parts is None else np.linalg.norm(parts.source_std, axis=0)
+
+
+def _too_narrow(update: UpdateRecord, posterior: Posterior) -> np.ndarray:
+    return is_too_narrow(np.std(posterior.draws, axis=0, ddof=1), _of_sources(update)[None],
+                         np.sqrt(np.diag(update.map_covariance)), update.map_theta, update.parameters)
 
 
 def _otherwise_at_the_map(update: UpdateRecord, rows: tuple[ComparisonRow, ...]) -> list[str]:

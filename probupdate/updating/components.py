@@ -51,16 +51,25 @@ class VarianceComponents:
     measures: tuple[Measure, ...]
 
 
+def _gain(whitened: WhitenedResponses) -> np.ndarray:
+    """P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate."""
+    X, B = whitened.slope, whitened.factor
+    return whitened.covariance() @ (X.T - (X.T @ B) @ np.linalg.solve(whitened.inner(), B.T))
+
+
+def source_std(problem: Problem, laplace: Laplace) -> np.ndarray:
+    """(n_source, n_param) of every source of the model's error in the parameters' estimate."""
+    whitened = whitened_at(problem, laplace)
+    return np.abs(_gain(whitened) @ whitened.factor)[:, : len(problem.error_sources)].T
+
+
 def variance_components(problem: Problem, laplace: Laplace, seen_hz: Sequence[float] = ()) -> VarianceComponents:
     """Of one problem at the maximum of its posterior. seen_hz: frequencies that were identified and are not among the
     responses: no mode near one of them is to be measured next."""
     whitened = whitened_at(problem, laplace)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    P = whitened.covariance()
-    X, B, inner = whitened.slope, whitened.factor, whitened.inner()
-    # P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate
-    gain = P @ (X.T - (X.T @ B) @ np.linalg.solve(inner, B.T))
-    of_sources = gain @ B
+    P, gain = whitened.covariance(), _gain(whitened)
+    of_sources = gain @ whitened.factor
     sources = problem.error_sources
     noise = problem.unmixed_root * problem.discrepancy_std
     discrepancy = np.sum((gain @ noise) ** 2, axis=1) + np.sum(of_sources[:, len(sources) :] ** 2, axis=1)

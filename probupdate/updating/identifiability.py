@@ -52,3 +52,18 @@ def identifiability(width: float, *, at_bound: bool, unproven: bool, description
     if width <= BLIND:
         return PARTLY
     return DIAGNOSED if DIAGNOSED in description else PRIOR
+
+
+def is_too_narrow(std: np.ndarray, source_std: np.ndarray, approximate_std: np.ndarray, theta: np.ndarray,
+                  parameters: Parameters) -> np.ndarray:
+    """(n_param,) bool: draws with a smaller standard deviation than the stated error sources alone give the estimate,
+    source_std (n_source, n_param), where no bound is within two of `approximate_std` of the maximum. A source's effect
+    is linear about the maximum; where responses bend, what it could be mistaken for is no longer the same."""
+    cut = (theta - 2 * approximate_std < parameters.lower) | (theta + 2 * approximate_std > parameters.upper)
+    return (std < np.sqrt(np.sum(np.square(source_std), axis=0))) & ~cut
+
+
+def too_narrow_sentence(name: str, std: float, source_std: float, approximate_std: float) -> str:
+    return (f"TOO NARROW: the draws of {name} scatter by {std:.2g}, though the model's stated tolerances alone leave "
+            f"{source_std:.2g} open: they count as linear about the MAP, where responses bend; take the "
+            f"{approximate_std:.2g} of the Gaussian approximation, as `update` has it")

@@ -20,11 +20,12 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis, whole_basis
 from probupdate.updating.alpha import AlphaPath, alpha_path, choose
 from probupdate.updating.baseline import LearntError
-from probupdate.updating.components import misfit_by_response, variance_components
+from probupdate.updating.components import misfit_by_response, source_std, variance_components
 from probupdate.updating.discrepancy import learnt_error
 from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
 from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
 from probupdate.updating.exchanges import images_about
+from probupdate.updating.identifiability import is_too_narrow, too_narrow_sentence
 from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import (
     Laplace,
@@ -447,7 +448,7 @@ def _run_record(found: _SampledChain, settings: SamplerSettings, error: LearntEr
     unstated = "ln evidence is not stated, as the chain has not converged"
     statements = [*_baseline_settings(problem, error).values(),
                   *_warnings(problem, laplace, found.likely, found.prepared.notes),
-                  found.agreement.sentence,
+                  *_too_narrow(problem, laplace, found.theta), found.agreement.sentence,
                   found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
     likely = found.likely
     return found.prepared.notes | {
@@ -514,6 +515,15 @@ def _warnings(
         said.append(f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for {problem.n_effective} "
                     "effective responses; the posterior is not to be trusted")
     return said
+
+
+def _too_narrow(problem: Problem, laplace: Laplace, theta: np.ndarray) -> list[str]:
+    """Of draws (n_step, n_walker, n_param)."""
+    std, approximate = np.std(theta, axis=(0, 1), ddof=1), np.sqrt(np.diag(laplace.covariance))
+    of_sources = source_std(problem, laplace)
+    narrow = is_too_narrow(std, of_sources, approximate, laplace.theta, problem.parameters)
+    return [too_narrow_sentence(problem.parameters.names[k], std[k], float(np.linalg.norm(of_sources[:, k])),
+                                approximate[k]) for k in np.flatnonzero(narrow)]
 
 
 def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:

@@ -1,16 +1,19 @@
 """Columns of time among the channels, and channels in another unit than the stated one."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import linalg, signal
 
 from probupdate.campaign.checking import check
 from probupdate.campaign.converting import convert
+from probupdate.campaign.findings import scale_findings
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import read_scada
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import usable_block
+from probupdate.modal.modes import Sensor
 
 RATE_HZ = 10.0
 
@@ -296,3 +299,16 @@ def test_of_a_turbine_alone_is_it_said_that_operation_is_not_known(campaign_fold
             text = text.replace(f"[0.0, 0.0, {3.0 * (k + 1)}]", f"[{3.0 * (k + 1)}, 0.0, 0.0]")
     said = [f for f in check(read_campaign(campaign_folder([(0, building())], head=text))).findings if "scada.csv" in f]
     assert len(said) == 1 and ("turbine" in said[0]) == (along == "z")
+
+
+@pytest.mark.parametrize(("state", "rms", "said"), [
+    ("idling", 0.31, False), ("idling", 9.81 * 0.31, True), ("rated", 0.5, False), ("rated", 300.0, True),
+    ("idling", 3e-5, True)])
+def test_a_monopile_that_idles_in_waves_is_not_suspected(state, rms, said):
+    """A unit mistaken is 9.8, 100 or 1000 times as much; 0.31 m/s2 is a slender monopile without a rotor's damping."""
+    sensors = [Sensor(channel=f"T{z:g}", level=f"{z:g}", position_m=(0.0, 0.0, z), direction=(1.0, 0.0, 0.0))
+               for z in (15.0, 60.0, 102.0)]
+    table = pd.DataFrame([{"id": f"b{k}", "channel": s.channel, "rms": rms, "flat": False, "offset": 0.0}
+                          for s in sensors for k in range(4)])
+    found = scale_findings(table, {f"b{k}": state for k in range(4)}, sensors, [])
+    assert any("the top moves" in sentence for sentence in found) == said

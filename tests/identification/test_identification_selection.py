@@ -18,7 +18,7 @@ from probupdate.identification.criteria import (
     read_criteria,
 )
 from probupdate.identification.selection import find_outliers, inconsistency, select, shape_scatter
-from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes, write_modes
+from probupdate.modal.modes import CovarianceFactors, ModalData, ModalSet, mac, read_modes, write_modes
 
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
 TRUE_HZ = np.array([0.316, 0.323, 1.29, 1.93, 2.02])
@@ -178,6 +178,16 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     renamed = [replace(sets[0], id="monday")]
     with pytest.raises(InputError, match="set monday: its id is not a time"):
         select(data(renamed), scada)
+
+
+def test_every_written_file_is_listed(jacket, tmp_path):
+    n_mode, n_channel = len(jacket.frequency_hz), len(jacket.shape)
+    factors = CovarianceFactors(ln_frequency=np.full((n_mode, 2), 1e-3), damping_ratio=np.full((n_mode, 2), 1e-3),
+                                shape=np.full((n_channel, n_mode, 2), 1e-3 + 0j))
+    sets = [replace(one_set(k, jacket.shape), covariance_factors=factors) for k in range(2)]
+    files = select(data(sets)).write(tmp_path / "nine.json")
+    assert "nine.deviations.h5" in [f.name for f in files]
+    assert sorted(files) == sorted(tmp_path.iterdir())
 
 
 def test_the_files_are_written(jacket, tmp_path):

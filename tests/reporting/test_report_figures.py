@@ -296,3 +296,15 @@ def test_logarithmic_axes_have_plain_labels(most, tmp_path):
     assert len(labels) >= 2 and all(float(text.replace("−", "-")) > 0 for text in labels)
     for text in ((tmp_path / "log.svg").read_text("utf-8"), style.svg_text(style.with_style(drawn)(), "one")):
         assert "mathdefault" not in text
+
+
+def test_a_mode_that_nothing_shows_has_no_panel(full_run):
+    """T1 that no block holds stood there as five empty panels."""
+    wire, moved = full_run.model.wire, np.array(full_run.model.states["updated"].displacement[:, :, :3])
+    moved[:, :, 1] = np.nan
+    drawn = figures.mode_shapes(wire, ["FA1", "T1", "SS1"], {"updated": moved})
+    assert [axes.get_title(loc="left") for axes in drawn.axes] == ["FA1", "SS1"]
+    hz = np.array([[0.3, np.nan, 0.31], [0.301, np.nan, 0.312]])
+    wind = {"wind speed [m/s]": np.array([4.0, 7.0]), "temperature [degC]": np.array([2.0, 9.0])}
+    drawn = figures.against_conditions(["FA1", "T1", "SS1"], hz, 0.01 * hz, wind)
+    assert [axes.get_ylabel() for axes in drawn.axes] == ["FA1 [%]", "", "SS1 [%]", ""]

@@ -12,6 +12,7 @@ from probupdate.errors import InputError
 from probupdate.model.parameters import Parameters
 from probupdate.updating.comparison import compare, read_comparison
 from probupdate.updating.identifiability import identifiability
+from probupdate.updating.update_file import ComponentsRecord
 
 
 @pytest.fixture(scope="module")
@@ -273,3 +274,19 @@ def test_broken_files_are_one_line(comparison, tmp_path):
         assert "\n" not in str(error.value) and str(path) in str(error.value), content
     with pytest.raises(InputError, match="no such file"):
         read_comparison(tmp_path / "none.json")
+
+
+def test_draws_narrower_than_the_tolerances_alone_make_them_are_not_taken_at_their_word(update):
+    """A tolerance of the soil's law is a factor on its stiffness, as py is: linear about the MAP it no longer is."""
+    own = np.sqrt(np.diag(update.map_covariance))
+    alone = np.array([0.8, 0.1, 0.0])[None] * own
+    parts = ComponentsRecord(names=("soil",), std=alone, source_names=("law",), source_std=alone, measures=(),
+                             gain=np.zeros((0, 3)), responses=(), chi_square=np.zeros(0), expected=np.zeros(0))
+    with_sources = replace(update, components=parts)
+    for share, narrow in ((1.0, False), (0.9, False), (0.6, True)):
+        found = compare(with_sources, drawn(update, update.map_theta, [share * own[0], *own[1:]]))
+        said = [note for note in found.notes if note.startswith("TOO NARROW: the draws of a ")]
+        assert bool(said) == narrow == ("too narrow: see the notes" in row_of(found, "a").flags)
+    assert f"leave {alone[0, 0]:.2g} open" in said[0] and f"take the {own[0]:.2g} of" in said[0]
+    alike = compare(update, drawn(update, update.map_theta, own))
+    assert row_of(found, "a").identified == row_of(alike, "a").identified
