@@ -276,7 +276,9 @@ def _diagnosed_words(run: Run) -> str:
     several = len(content["findings"]) > 1
     if content["verdict"] == "none":
         changes = ", ".join(changed_parameters(content))
-        return f"Nothing beyond changes of the model's own parameters was found ({changes})" if changes else (
+        # another estimate than the update's, which may stand beside it
+        whose = " by the diagnosis" if run.update is not None else ""
+        return f"Nothing beyond changes of the model's own parameters was found ({changes}{whose})" if changes else (
             "Nothing beyond tolerances was found")
     if content["verdict"] == "unexplained":
         nearest = wording.nearest_change(content)

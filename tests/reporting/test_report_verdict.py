@@ -570,3 +570,14 @@ def test_components_stand_with_what_to_measure_next(full_run, monkeypatch, std, 
     assert any("frequency of FA1" in t for i in section.items if isinstance(i, Items) for t in i.statements)
     words = [t for i in verdict_section(with_parts).items if isinstance(i, Items) for t in i.statements]
     assert any("sensor at T66 (narrows k_j by 25 %, k_t by 10 %)" in t for t in words)
+
+
+def test_a_size_by_the_diagnosis_says_so_beside_an_update(sound):
+    """The table beside it has the update's own estimate of the same parameter."""
+    changed = {"name": "k_t", "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.38, "std": 0.1,
+               "prior_shift": 1.9, "value_after": 1.38, "std_after": 0.1, "prior_shift_after": 1.9}
+    run = replace(sound, diagnosis=dict(sound.diagnosis, verdict="none", findings=[], parameters=[changed]))
+    size = "(k_t +38 ± 10 %"
+    assert f"{size} by the diagnosis)" in verdict_section(run).headline
+    alone = replace(run, update=None, posterior=None, comparison=None)
+    assert f"{size})" in verdict_section(alone).headline
