@@ -382,11 +382,12 @@ def _late_clock_words(names: Sequence[str], late_s: float, std_s: float, slope_s
     """Of channels whose clocks differ from the median channel's alike, by seconds and by seconds a day."""
     text = (f"suspect: the clock of {', '.join(names)} is {1e3 * abs(late_s):.1f} +- {1e3 * std_s:.1f} ms "
             f"{'ahead of' if late_s > 0 else 'behind'} the median channel: what happens is recorded "
-            f"{'late, as behind a low-pass filter too' if late_s > 0 else 'early'}")
+            f"{'late' if late_s > 0 else 'early'}")
     if len(names) > 1:
         # of two loggers the one with fewer channels is not the wrong one for that
         text += (f" by them, or {'early' if late_s > 0 else 'late'} by the others: only the difference between loggers "
                  "is known")
+    text += ", as behind a low-pass filter too" * (late_s > 0)
     return text + (f", and it changes by {1e3 * slope_s:+.1f} ms a day ({slope_s / 0.0864:+.2f} ppm)" * bool(slope_s))
 
 

@@ -326,7 +326,7 @@ def _write_tolerances(files: _Files, drawn: DrawnModels, problem: Problem | None
     columns = [{"name": "draw", "unit": "-"}, *({"name": s.name, "unit": s.unit} for s in problem.error_sources)]
     files.table("tolerances.csv", columns, [[k + 1, *row] for k, row in enumerate(drawn.differences.tolist())],
                 what="tolerances given the data and the draw of draws.csv, as differences from what is stated; models, "
-                     "superelements and modes.csv have those of the structure; fatigue.csv has parameters alone")
+                     "superelements, modes.csv and fatigue.csv have those of the structure")
 
 
 def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> None:
@@ -377,8 +377,7 @@ def _fatigue(files: _Files, given: FatigueInput | None, whole: FatigueModel | No
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     draws = drawn.theta[:, : drawn.n_own]
-    found = assess(given, drawn.path, whole, draws, damping.for_draws(len(draws)), seed=seed, unknown=drawn.unknown,
-                   progress=progress)
+    found = assess(given, drawn.path, whole, drawn, damping.for_draws(len(draws)), seed=seed, progress=progress)
     labels, frequency_hz, named = modes
     first = model.solve(model.parameters.initial, frequency_hz[0].size)
     factors = frequency_factors(given, labels, frequency_hz, (named(first), first.frequency_hz), found.gains, named)

@@ -20,6 +20,7 @@ from probupdate.lifetime.fatigue import (
     fatigue_model,
     fatigue_model_of,
 )
+from probupdate.lifetime.model_files import DrawnModels
 from probupdate.lifetime.reliability import (
     DamageCurve,
     Reliability,
@@ -101,23 +102,24 @@ def assess(
     given: FatigueInput,
     path: Path,
     full: FatigueModel,
-    draws: np.ndarray,
+    drawn: DrawnModels,
     dampings: Sequence[StateDamping],
     *,
     seed: int,
-    unknown: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> FatigueResult:
     """Of `full`, the model at `path`: fatigue and reliability at the design (initial parameters, the file's damping),
-    over the prior and over draws (n_draw, n_param) of the posterior with their damping ratios and tolerances `unknown`
-    (n_draw, n_source)."""
+    over the prior and over the drawn models, each with its tolerances and damping ratios."""
+    draws, unknown = drawn.theta[:, : drawn.n_own], drawn.unknown
     rng = np.random.default_rng(seed)
     parameters = full.parameters
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
     model = full.reduce([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
     design = model.solve(parameters.initial)
-    planned, updated = SpotDamage.from_stress(design), damage_at_many(model, draws, dampings, progress)
+    planned = SpotDamage.from_stress(design)
+    wide, own = _models_of_draws(full, path, drawn, rng) if drawn.effects else (full, model)
+    updated = damage_at_many(own, drawn.theta, dampings, progress)
     worst = worst_spots(model, np.maximum(planned.per_year, np.mean([s.per_year for s in updated], axis=0)), WORST)
     curve = DamageCurve.from_stress(_select_spots(model, design, worst))
     few = model.select(worst)
@@ -138,7 +140,9 @@ def assess(
         if direct is not None:
             problem = given.updated[0]
             unknown = tolerance_draws(problem, draws, rng) if unknown is None else unknown
-            factor = _with_tolerances(factor, direct, problem, unknown, rng)
+            # models that were drawn with their tolerances have them in their stresses
+            fitted = np.zeros_like(unknown) if drawn.effects else unknown
+            factor = _with_tolerances(factor, direct, problem, fitted, rng)
     moments = _moments(factor, None if parts is None else parts["set_to_set"])
     if given.named is not None:
         moments |= _with_causes(given.named, given.file, few, curve, dampings, progress, left_out)
@@ -151,10 +155,22 @@ def assess(
         measures=_next_measurements(given, slope, direct, parts, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
-            "basis_error": basis_error(full, model, [draws[-1]]), "form_minus_monte_carlo": agreement[0],
+            "basis_error": basis_error(wide, own, [drawn.theta[-1]]), "form_minus_monte_carlo": agreement[0],
             "monte_carlo_standard_error": agreement[1], "target_annual_index": c.target.annual_index,
             "cases": list(index)},
     )
+
+
+def _models_of_draws(
+    full: FatigueModel, path: Path, drawn: DrawnModels, rng: np.random.Generator
+) -> tuple[FatigueModel, FatigueModel]:
+    """With the tolerances that are drawn as parameters behind its own, whole and on a basis; of the same hot spots,
+    though the mesh may be finer. Without them frequencies are not those measured, and with these damage is another."""
+    first = full.models[0]
+    wide = fatigue_model(extended_description(path, drawn.effects), str(path), full.conditions,
+                         parameters=drawn.model.parameters, sensors=first.sensors, spectra=first.spectra)
+    wide = wide.select(matching_spots(wide, full))
+    return wide, wide.reduce(drawn.theta[rng.permutation(len(drawn.theta))[:BASIS_OF]])
 
 
 def _variance_parts(

@@ -176,22 +176,25 @@ def _sampled_problem(
     if weights is not None:
         covariance = weights.covariance
 
-    def modes_of(path: Path) -> tuple[str, ...] | None:
-        """The modes of this file that were sampled, where it has them by name."""
-        return posterior.mode_labels if set(posterior.mode_labels) <= set(read_modes(path).labels) else None
+    def choices_of(path: Path) -> tuple[tuple[str, ...] | None, ...]:
+        """The modes of this file that may have been named: those that were sampled, where it has them, or none, of
+        which some, as a torsion that nothing shows, may be without a number."""
+        named = set(posterior.mode_labels) <= set(read_modes(path).labels)
+        return (posterior.mode_labels, None) if named else (None,)
 
-    def is_sampled(path: Path) -> bool:
-        one = joint_set(compared_modes(path, None, False, modes_of(path)), covariance=covariance)
+    def is_sampled(path: Path, only: tuple[str, ...] | None) -> bool:
+        one = joint_set(compared_modes(path, None, False, only), covariance=covariance)
         return one.data.set().id == posterior.record.get("set_id")
 
     problem = None
     # the selected sets and all sets may have one id
-    for modes in [path for path in (*given, *own) if is_sampled(path)] or own[:1]:
+    choices = [(path, only) for path in (*given, *own) for only in choices_of(path) if is_sampled(path, only)]
+    for modes, only in choices or [(path, choices_of(path)[0]) for path in own[:1]]:
         if weights is None:
-            case = Case.prepare(places["model"], modes, replace(likelihood, modes=modes_of(modes)),
+            case = Case.prepare(places["model"], modes, replace(likelihood, modes=only),
                                 parameters=places.get("parameters"), progress=progress)
         else:
-            data = compared_modes(modes, None, False, modes_of(modes))
+            data = compared_modes(modes, None, False, only)
             case = Case(data=data, joint=joint_set(data, covariance=covariance), weights=weights,
                         model_at=ModelAt(places["model"], places.get("parameters"), str(modes), data.felt))
         problem = build_problem(case.model, case.joint.data, weights=case.weights)

@@ -93,7 +93,7 @@ def make_bench(folder: Path, noise: str, theory: str = "timoshenko", seed: int =
     text = reference_model(STATE).read_text(encoding="utf-8")
     own.write_text(text.replace('theory = "timoshenko"', f'theory = "{theory}"'), encoding="utf-8")
     full = verbs.open_model(own)
-    full = replace(full, uncertainty=TurbineUncertainty.from_description(own, full, None, 0.0))
+    full = replace(full, uncertainty=TurbineUncertainty.from_description(own, full, None, None))
     file = read_turbine(reference_model(STATE))
     ends = np.array([[p.distribution.ppf([EDGE, 1 - EDGE]) for p in of_kind(full.parameters, kind)]
                      for kind in PRIORS])

@@ -138,7 +138,7 @@ def make_bench(folder: Path, case: str) -> Bench:
     rng = np.random.default_rng(5)
     path = model_file(folder, case)
     model = load_model(path)
-    model = replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
+    model = replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, None))
     conditions = one_direction()
     full = fatigue_model(read_description(path), str(path), conditions)
     draws = full.parameters.draw(rng, 12)
@@ -244,7 +244,7 @@ def as_built():
     """The reference model as built with its tolerances."""
     model = load_model(reference_model("as_built"))
     path = reference_model("as_built")
-    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
+    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, None))
 
 
 class _Shell:

@@ -172,7 +172,7 @@ def test_a_late_logger_is_named_and_measured(with_defect, names, delay_s, valida
     found, _ = with_defect(late)
     assert len(found) == 1, found
     value, error = map(float, re.search(r"is ([\d.]+) \+- ([\d.]+) ms", found[0]).groups())
-    assert all(n in found[0] for n in names) and ("late" in found[0]) == (delay_s > 0)
+    assert all(n in found[0] for n in names) and ("recorded late by them" in found[0]) == (delay_s > 0)
     row.error((value - 1e3 * abs(delay_s)) / max(error, 0.25), below=4)
 
 

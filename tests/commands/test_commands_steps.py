@@ -505,3 +505,22 @@ def test_export_finds_the_modes_of_a_posterior_of_some_of_them(estimated, tmp_pa
                  str(run / "posterior.nc"), "--ess", "100", "--max-steps", "400"]) == 0
     done = probupdate.export(run, tmp_path / "life", draws=4)
     assert not any("tolerances in models" in text for text in done.left_out)
+
+
+def test_export_finds_the_modes_of_a_posterior_beside_one_without_a_number(estimated, tmp_path):
+    """As of a monopile's torsion, which no set holds: it was taken for a posterior of other modes."""
+    run = tmp_path / "run"
+    shutil.copytree(estimated, run, ignore=shutil.ignore_patterns("posterior.nc*"))
+    content = json.loads((run / "modes.json").read_text())
+    n = len(content["sets"][0]["frequency_hz"])
+    content["labels"] = ["T9", *(content.get("labels") or [f"X{j + 1}" for j in range(n)])]
+    for one in content["sets"]:
+        for value in one.values():
+            if isinstance(value, list) and len(value) == n:
+                value.insert(0, [None] * len(content["channels"]) if isinstance(value[0], list) else None)
+    (run / "modes.json").write_text(json.dumps(content))
+    (model,) = (run / name for name in ("model.npz", "model.toml") if (run / name).is_file())
+    assert main(["sample", "--model", str(model), "--modes", str(run / "modes.json"), "--out",
+                 str(run / "posterior.nc"), "--ess", "100", "--max-steps", "400"]) == 0
+    done = probupdate.export(run, tmp_path / "life", draws=4)
+    assert not any("tolerances in models" in text for text in done.left_out)

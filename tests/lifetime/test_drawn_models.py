@@ -9,7 +9,10 @@ import pytest
 from scipy import linalg
 
 from probupdate.effects.tolerances import TurbineUncertainty
+from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table
+from probupdate.lifetime.fatigue import fatigue_model_of
+from probupdate.lifetime.fatigue_files import FatigueInput
 from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.extend import extended_model
@@ -17,6 +20,7 @@ from probupdate.structure.load import load_model, model_sensors
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import Weights, build_problem
 from tests.lifetime.test_fatigue_export import posterior, toml
+from tests.lifetime.test_stress import CONDITIONS, _toml
 from tests.small_turbine import small_turbine
 
 HIGH, N_DRAW, STD = 4, 12, 0.002
@@ -32,7 +36,7 @@ def softened(tmp_path_factory):
         p["update"] = p["name"] in ("k_j", "k_t", "m_h")
     (folder / "model.toml").write_text(toml(raw))
     model = load_model(folder / "model.toml")
-    described = TurbineUncertainty.from_description(folder / "model.toml", model, None, 0.0)
+    described = TurbineUncertainty.from_description(folder / "model.toml", model, None, None)
     soil = next(r.effect for r in described.tolerances if r.effect.name == "tolerance_law_py")
     true = extended_model(folder / "model.toml", [replace(soil, initial=0.7)])
     solution = true.solve(true.parameters.initial, HIGH)
@@ -41,7 +45,7 @@ def softened(tmp_path_factory):
                    shape=solution.shape / np.abs(solution.shape).max(axis=0),
                    frequency_std_hz=STD * solution.frequency_hz, shape_std=np.full(solution.shape.shape, 0.01))
     data = ModalData(channels=model.channels, sets=(one,), labels=tuple(labels))
-    known = replace(model, uncertainty=TurbineUncertainty.from_description(folder / "model.toml", model, None, 0.0))
+    known = replace(model, uncertainty=TurbineUncertainty.from_description(folder / "model.toml", model, None, None))
     problem = build_problem(known, data, weights=Weights(tolerances=True)).with_error(model.parameters.initial)
     best = maximum_a_posteriori(problem, [model.parameters.initial])
     rng = np.random.default_rng(5)
@@ -85,6 +89,32 @@ def test_tolerances_of_the_draws_are_listed_and_in_the_modes(softened):
     modes = read_table(done.folder / "modes.csv")
     own = [f for d, f in zip(modes["draw"], modes["frequency_hz"], strict=True) if d == 2][:HIGH]
     np.testing.assert_allclose(own, frequencies_read(done)[1], rtol=1e-6)
+
+
+def test_fatigue_of_a_draw_is_that_of_its_model(softened, tmp_path, monkeypatch, validation):
+    """By the file's damping; parameters alone have other frequencies, and with them another damage."""
+    for name, number in (("WORST", 3), ("PRIOR_DRAWS", 6), ("SIMULATED", 4000)):
+        monkeypatch.setattr(fatigue_files, name, number)
+    _, _, results = softened
+    (tmp_path / "fatigue.toml").write_text(_toml(CONDITIONS))
+    undamped = replace(results.modes, sets=tuple(
+        replace(one, damping_ratio=np.full(HIGH, np.nan)) for one in results.modes.sets))
+    laplace = maximum_a_posteriori(results.problem, [results.model.parameters.initial])
+    given = FatigueInput(file=tmp_path / "fatigue.toml", problem=results.problem, laplace=laplace)
+    done = export_lifetime(replace(results, modes=undamped), tmp_path / "out", ExportSettings(n_draw=4, n_mode=4),
+                           fatigue=given)
+    table = read_table(done.folder / "fatigue.csv")
+    found = np.array([v for d, v in zip(table["draw"], table["del_m3"], strict=True) if d == 2])
+
+    def plain(path, theta=None):
+        whole = fatigue_model_of(path, given.file)
+        return whole.solve(whole.parameters.initial if theta is None else theta).equivalent_mpa(3.0)
+
+    row = validation(what="damage-equivalent ranges of an exported draw", reference="the model that is written of it",
+                     why="basis, and what the file's numbers are rounded to")
+    row.error(found / plain(done.folder / "models" / "002" / "model.toml") - 1, below=5e-3)
+    alone = plain(results.path, done.draws[1])
+    assert np.abs(found / alone - 1).max() > 0.02
 
 
 def test_a_posterior_of_other_settings_takes_no_tolerances(softened, tmp_path):

@@ -79,7 +79,7 @@ def run(tmp_path_factory):
         for k in range(3)
     )
     data = ModalData(channels=model.channels, sets=sets, labels=tuple(labels))
-    known = replace(model, uncertainty=TurbineUncertainty.from_description(folder / "model.toml", model, None, 0.0))
+    known = replace(model, uncertainty=TurbineUncertainty.from_description(folder / "model.toml", model, None, None))
     problem = build_problem(known, data, weights=Weights(tolerances=True)).with_error(model.parameters.initial)
     return folder, model, data, problem, maximum_a_posteriori(problem, [model.parameters.initial])
 

@@ -249,7 +249,7 @@ def test_tolerances_are_those_the_structure_has(name, tmp_path):
     path = write(tmp_path, OTHERS[name]())
     d = parse_description(read_toml(path), str(path))
     model = load_model(path)
-    known = TurbineUncertainty.from_description(path, model, None, 0.0)
+    known = TurbineUncertainty.from_description(path, model, None, None)
     assert known.changes(model.parameters.initial, 5, ()).frequency_derivative.shape[1] == len(known.sources)
     words = " ".join(row.source.description for row in turbine_rows(d))
     assert ("leg" in words) == name.startswith("three") and ("soil" in words) == (name != "clamped")

@@ -166,7 +166,7 @@ def test_the_response_to_a_gain_is_its_finite_difference(validation):
 def turbine():
     path = reference_model("as_built")
     model = load_model(path)
-    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, 0.0))
+    return replace(model, uncertainty=TurbineUncertainty.from_description(path, model, None, None))
 
 
 def test_every_source_of_a_turbine_has_a_standard_deviation_and_a_group(turbine):
@@ -204,7 +204,7 @@ def test_bernoulli_euler_members_are_expected_to_be_stiff(tmp_path, validation):
     path = tmp_path / "model.toml"
     path.write_text(text.replace('theory = "timoshenko"', 'theory = "bernoulli-euler"'), encoding="utf-8")
     euler, timoshenko = load_model(path), load_model(reference_model("as_built"))
-    known = TurbineUncertainty.from_description(path, euler, None, 0.0)
+    known = TurbineUncertainty.from_description(path, euler, None, None)
     theta = euler.parameters.initial
     change = known.changes(theta, 5, ((0, 1), (3, 4))).frequency_derivative @ np.array([s.mean for s in known.sources])
     apart = timoshenko.solve(theta, 5).frequency_hz - euler.solve(theta, 5).frequency_hz
