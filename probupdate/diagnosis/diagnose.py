@@ -454,7 +454,8 @@ def _is_total_loss(included: IncludedEffect) -> bool:
     """Whether a size at an end is all there can be: a stiffness or a joint that is lost, a member full of water."""
     share = included.effect.unit in ("", "-") and included.time_profile.kind != "covariate"
     # what may rise as well as fall is at its upper end by far more than was expected, not in full
-    whole = included.size < 0 or included.bounds[0] >= 0
+    falls = all(amount * included.size <= 0 for _, amount in included.effect.increments)
+    whole = falls or included.bounds[0] >= 0
     return share and whole and TOTAL_LOSS <= abs(included.size) <= 1
 
 
@@ -471,7 +472,7 @@ def _is_distorted_by_others(problem: DiagnosisProblem, fitted: Fit) -> bool:
 def _bound_notes(fitted: Fit) -> list[str]:
     """What to say of sizes that stand at an end of what their row allows."""
     return [
-        f"{n.effect.name} is {'as good as lost altogether' if n.size < 0 else 'there in full'}: no larger size can be "
+        f"{n.effect.name} is {'there in full' if n.bounds[0] >= 0 else 'as good as lost altogether'}: no larger size can be "
         "meant, and its interval ends there" if _is_total_loss(n) else
         f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
         f"{n.effect.unit}{n.time_profile.unit}): its interval is not to be trusted, a larger size may be meant"
