@@ -9,6 +9,7 @@ from drawn import commands, structures
 from drawn.cases import Case, scene
 from drawn.records import write_campaign
 from probupdate import modes
+from probupdate.modal.modes import read_modes
 
 # kind, what is hidden, seed, what the diagnosis should come to: small ones of every form, each class once
 QUICK = [("matrices truss", "null", 0, "silent"), ("subdyn monopile", "null", 0, "silent"),
@@ -80,7 +81,7 @@ def test_accelerations_of_a_drawn_structure_come_to_a_verdict(tmp_path, validati
     model, parameters, given, out = (str(tmp_path / name) for name in (
         "model.npz", "parameters.toml", "modes.json", "all.json"))
     ran = commands.run(["diagnose", "--model", model, "--parameters", parameters, "--no-extend",
-                        "--modes", given, *modes.read_modes(given).labels, "--out", out])
+                        "--modes", given, *read_modes(given).labels, "--out", out])
     found = json.loads((tmp_path / "all.json").read_text())
     assert ran["code"] == 0
     row.equal((found["verdict"], found["findings"][0]["location"]), ("named", line["findings"][0]["location"]),
