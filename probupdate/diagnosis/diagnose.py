@@ -472,8 +472,8 @@ def _is_distorted_by_others(problem: DiagnosisProblem, fitted: Fit) -> bool:
 def _bound_notes(fitted: Fit) -> list[str]:
     """What to say of sizes that stand at an end of what their row allows."""
     return [
-        f"{n.effect.name} is {'there in full' if n.bounds[0] >= 0 else 'as good as lost altogether'}: no larger size can be "
-        "meant, and its interval ends there" if _is_total_loss(n) else
+        f"{n.effect.name} is {'there in full' if n.bounds[0] >= 0 else 'as good as lost altogether'}: no larger size "
+        "can be meant, and its interval ends there" if _is_total_loss(n) else
         f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
         f"{n.effect.unit}{n.time_profile.unit}): its interval is not to be trusted, a larger size may be meant"
         for n in fitted.included if _is_at_bound(n)
