@@ -121,29 +121,33 @@ class Case:
             weights = likelihood.stated_for(model_at(joint.data.set()), joint.data, progress=progress)
             return cls(data=data, joint=joint, model_at=model_at, weights=weights)
 
+        def settled(data: ModalData) -> Case:
+            try:
+                return weighed(data)
+            except ConvergenceError as error:
+                # as a mode of uncertain pairing is, where most modes stay
+                kept = [j for j in range(data.n_mode) if j not in error.modes]
+                if not error.modes or 2 * len(kept) <= data.n_mode:
+                    one = joined(data).data
+                    _refuse_mistaken_channels(error, model_at(one.set()), one)
+                    raise
+                case, names = weighed(data.of_modes(kept)), data.labels or [f"mode {j + 1}" for j in range(data.n_mode)]
+                words = (f"{', '.join(names[j] for j in error.modes)} left out: its counterpart among the model's "
+                         "modes changes with the parameters, and with it no maximum of the posterior was reached")
+                return replace(case, joint=replace(case.joint, notes=(*case.joint.notes, words)))
+
         named = [j for j, label in enumerate(data.labels) if not label.isdigit()]
         unasked = not every_mode and not likelihood.modes and 0 < len(named) < data.n_mode and any(
             r.match for r in data.records)
         try:
-            return weighed(data)
+            return settled(data)
         except InputError as error:
             # nobody asked for the numbered modes
             if not unasked:
                 raise
-            case = weighed(data.of_modes(named))
+            case = settled(data.of_modes(named))
             numbers = ", ".join(label for label in data.labels if label.isdigit())
             words = f"{numbers} left out, though alike to modes of the model: with them {error.problem}"
-            return replace(case, joint=replace(case.joint, notes=(*case.joint.notes, words)))
-        except ConvergenceError as error:
-            # as a mode of uncertain pairing is, where most modes stay
-            kept = [j for j in range(data.n_mode) if j not in error.modes]
-            if not error.modes or 2 * len(kept) <= data.n_mode:
-                one = joined(data).data
-                _refuse_mistaken_channels(error, model_at(one.set()), one)
-                raise
-            case, names = weighed(data.of_modes(kept)), data.labels or [f"mode {j + 1}" for j in range(data.n_mode)]
-            words = (f"{', '.join(names[j] for j in error.modes)} left out: its counterpart among the model's modes "
-                     "changes with the parameters, and with it no maximum of the posterior was reached")
             return replace(case, joint=replace(case.joint, notes=(*case.joint.notes, words)))
 
     @property
